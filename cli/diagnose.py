@@ -14,6 +14,8 @@ from massprops_cli.options import Force, Quiet, argument, as_json, defaults, opt
 from massprops_cli.terminal import say, warn
 
 D = defaults(diagnose)
+BLIND_STATUS = 3
+"""Exit code where the record turns too little for a verdict: what was computed is kept."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,8 @@ class Options:
 def command(given: Options) -> int:
     """Find where a recorded motion departs from that of a free rigid body, and name the effect that is missing.
 
-    The result is printed. With -o it is also written to a folder, with the model, the residuals and a report.
+    The result is printed. With -o it is also written to a folder, with the model, the residuals and a report. The exit code is 3 if
+    the body turns too little to show whether an effect is missing.
 
     Example: massprops diagnose sequences/one -o diagnoses/one
 
@@ -71,6 +74,7 @@ def _one(given: Options, source: Path) -> int:
     import json
 
     from massprops.core.files import plain
+    from massprops.diagnosis.document import is_blind
     from massprops.diagnosis.search import diagnose
     from massprops.effect_file import with_effects
     from massprops_cli.progress import StageProgress
@@ -89,7 +93,7 @@ def _one(given: Options, source: Path) -> int:
         say(diagnosis_table(found.document))
         if out is not None:
             say(f"report: {out / 'report.html'}")
-    return 0
+    return BLIND_STATUS if is_blind(found.document) else 0
 
 
 def _several(given: Options, sources: list[Path]) -> int:
@@ -98,6 +102,7 @@ def _several(given: Options, sources: list[Path]) -> int:
 
     from massprops.core.files import plain
     from massprops.diagnosis.diagnose import diagnose_several, write_several
+    from massprops.diagnosis.document import is_blind
     from massprops.effect_file import with_effects
     from massprops.effects import effects
     from massprops.sequence.read import read_sequence
@@ -124,7 +129,7 @@ def _several(given: Options, sources: list[Path]) -> int:
         for name, d in document["records"].items()
     ]
     say(json.dumps(plain(document)) if given.json_output else "\n".join(rows))
-    return 0
+    return BLIND_STATUS if is_blind(document) else 0
 
 
 def diagnosis_table(document: dict[str, Any]) -> str:

@@ -102,7 +102,12 @@ def _told_several(
         ]
         for e in found["estimators"]
     ]
-    say("\n".join(table(("method", "k1", "k2", "records", "p of one body"), rows, left=(0,))))
+    lines = table(("method", "k1", "k2", "records", "p of one body"), rows, left=(0,))
+    for e in found["estimators"]:
+        for effect, own in e["parameters"].items():
+            for name, value in own.items():
+                lines.append(f"  {e['name']}: {name} of {effect} {with_sigma(value, e['sigma'][effect][name], '.5g')}")
+    say("\n".join(lines))
     return 0
 
 

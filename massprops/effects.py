@@ -28,7 +28,8 @@ Functions of the motion, component by component (`massprops.dynamics.kernels`), 
 
 Where something that an effect follows was measured beside the motion, `measured(given)` makes the effect of that record: `given`
 is what was measured, plain lists and numbers that `model.yaml` can hold, and the answer is by name what takes the place of
-the file's own, None for nothing (`of_record`).
+the file's own, None for nothing (`of_record`). There a parameter in `BODY` may be a number of the body times one of the record:
+`BODY_NUMBERS` has, by parameter, the name of the body's number and the record's factor.
 
 Functions of the measurement:
 
@@ -139,6 +140,13 @@ def searched(effect: ModuleType, form: int = 0) -> list[bool]:
     return [q.kind not in GIVEN and q.form <= form and not (q.kind == "time" and swings) for q in effect.PARAMETERS]
 
 
+def of_body(effect: ModuleType) -> dict[str, tuple[str, float]]:
+    """By name, an effect's parameters that belong to the body: what the body's own number is called, and its factor in this record
+    (`BODY_NUMBERS`)."""
+    numbers = getattr(effect, "BODY_NUMBERS", {})
+    return {name: numbers.get(name, (name, 1.0)) for name in getattr(effect, "BODY", ())}
+
+
 def places_of(effect: ModuleType, kind: str) -> list[int]:
     """Indices of an effect's parameters of this kind."""
     return [i for i, q in enumerate(effect.PARAMETERS) if q.kind == kind]
@@ -156,5 +164,5 @@ def forms(effect: ModuleType) -> int:
 
 __all__ = [
     "GIVEN", "KNOWN_NEEDS", "Parameter", "add", "catalogue", "changes_motion", "effects", "forms", "has_pace", "in_place", "is_users",
-    "of_record", "places_of", "refused", "remove", "searched",
+    "of_body", "of_record", "places_of", "refused", "remove", "searched",
 ]  # fmt: skip

@@ -54,7 +54,7 @@ RESULTS = {
     },
     "estimates.json": {
         "estimators": "one entry per method: `k1`, `k2`, `sigma_k1`, `sigma_k2`, `inertia` (trace 1), `principal_axes` (unit "
-        "columns), `rate`, `observable`, `reliable`, `because`, `history` (its CSV file)",
+        "columns), `rate`, `observable`, `reliable`, `because`, `history` (its CSV file); of several records `p_value`, the chance that they are of one body, and `parameters` and `sigma` of what else the body has, by effect",
         "skipped": "methods that could not run, with the reason",
         "reason": "why no method gives the ratios, or empty",
         "prior": "the verdict on the prior, or `null`",
@@ -84,6 +84,9 @@ RESULTS = {
         "skipped": "effects that were not tried, with the reason",
         "corrected": "`k1`, `k2` and the rate, before and after",
         "axes": "the body axes of the numbers, in words",
+        "shared": "only of several records: ratios, turns of the principal axes (`axis_turn_1` to `3`, rad, from the common ones) and the body's parameters as each record tells them (`values`, `sigma`, null where it does not), and the chance of values so far apart (`p_value`)",
+        "agreement": "only of several records: by how much their log evidence rises if they share a body",
+        "records": "only of several records: the diagnosis of each by itself",
         "model": "the file with the model that includes the effects",
         "warnings": "one sentence each",
     },

@@ -268,7 +268,7 @@ def diagnose(
     Args:
         source: sequence folder or run folder. In Python also: what `sequence_from_arrays` made of your own arrays.
         out: folder for diagnosis.json, model.yaml, residual.csv and report.html.
-        more: further records of the same body; they share its inertia.
+        more: further records of the same body; they share its inertia, a wheel's moment and other parameters of the body.
         discover: if no known effect fits, search for a formula; writes law.py and law.yaml.
         simulator: your own simulator, as 'module:function' or 'FILE.py:function'; it is fitted to the record.
         effect: a file with an effect of your own; can be repeated.

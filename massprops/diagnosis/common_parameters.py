@@ -10,6 +10,10 @@ and the joint posterior has the precision sum (C_r^-1 - P_r^-1) + P^-1. Sizes th
 own are. The point moves to the joint solution until it rests (Gauss and Newton's method). An effect that needs another body in
 every record pays for it by the integral. A parameter of the body that a record's fit scans, not solves for, is moved to its best
 for all records, with its 1-sigma by the evidence's curvature.
+
+A wheel whose rate was measured has one moment of inertia: its momentum at a record's largest rate is that moment times that rate
+(`BODY_NUMBERS`), so c holds the moment. Of a fit whose sigmas allow for residuals that are alike in neighbours (`widened`) the rows
+count by as much less here as well.
 """
 
 from __future__ import annotations
@@ -56,7 +60,8 @@ class Common:
 
     Attributes:
         shape: (5,) of the inertia, covariance: (5, 5), inertia: (3, 3) of trace 3; evidence: log marginal likelihood of all records.
-        parameters, sigma: by effect and name, of the body's own.
+        parameters, sigma: by effect and name, of the body's own. law: of all common unknowns; records: what each record says of them,
+            about the common point; names: (k,) effect and name of each unknown, ("", "") of what is no parameter.
     """
 
     shape: np.ndarray
@@ -65,6 +70,9 @@ class Common:
     evidence: float
     parameters: dict[str, dict[str, float]] = field(default_factory=dict)
     sigma: dict[str, dict[str, float]] = field(default_factory=dict)
+    law: Law | None = None
+    records: tuple[Law, ...] = ()
+    names: tuple[tuple[str, str], ...] = ()
 
 
 def joined(laws: list[Law], alike: list[np.ndarray]) -> tuple[Law, float]:
@@ -74,7 +82,7 @@ def joined(laws: list[Law], alike: list[np.ndarray]) -> tuple[Law, float]:
         alike: indices (j,) of unknowns whose prior has one size, which is found.
     """
     precisions = [np.linalg.inv(law.covariance) for law in laws]
-    rest = np.sum([_of_rows(L, law.sd) for L, law in zip(precisions, laws, strict=True)], axis=0)
+    rest = np.sum([of_rows(L, law.sd) for L, law in zip(precisions, laws, strict=True)], axis=0)
     by = np.sum([L @ law.mean for L, law in zip(precisions, laws, strict=True)], axis=0)
     sd = laws[0].sd.copy()
     for own in alike:
@@ -97,7 +105,7 @@ def joined(laws: list[Law], alike: list[np.ndarray]) -> tuple[Law, float]:
     return Law(mean=mean, covariance=covariance, sd=sd), float(gained)
 
 
-def _of_rows(precision: np.ndarray, sd: np.ndarray) -> np.ndarray:
+def of_rows(precision: np.ndarray, sd: np.ndarray) -> np.ndarray:
     """(k, k) what a record's rows know of unknowns: the precision less that of their prior, not below nothing by rounding."""
     value, vector = np.linalg.eigh(precision * sd * sd[:, None])
     return np.asarray((vector * np.maximum(value - 1.0, 0.0)) @ vector.T / sd / sd[:, None])
@@ -116,8 +124,9 @@ def common_of(fits: list[HypothesisFit]) -> Common:
         if any(f.names for f in fits):
             raise
     # a body without effects may be another one in each record: what each says about its own best
-    law, gained = joined([_law(f, fits[0]) for f in fits], [])
-    return _common(fits[0], law, gained + sum(f.evidence for f in fits))
+    laws = [_law(f, fits[0]) for f in fits]
+    law, gained = joined(laws, [])
+    return _common(fits[0], law, laws, gained + sum(f.evidence for f in fits))
 
 
 def of_body(fit: HypothesisFit) -> bool:
@@ -171,10 +180,11 @@ def _at_rest(fits: list[HypothesisFit], given: dict[tuple[str, str], float]) -> 
         ]
         first = said[at]
         try:
-            law, gained = joined([_law(s, first) for s in said], _alike(first))
-            moved = [_moved(s, law) for s in said]
+            laws = [_law(s, first) for s in said]
+            law, gained = joined(laws, _alike(first))
+            moved = [_moved(s, law, first) for s in said]
             evidence = gained + sum(s.evidence for s in said)
-            found = _common(first, law, evidence)
+            found = _common(first, law, laws, evidence)
         except np.linalg.LinAlgError:
             raise NotPossible("what the records say of one body does not go together") from None
         before, previous = previous, evidence
@@ -199,7 +209,7 @@ def _with(own: Hypothesis, body: tuple[Term, ...], given: dict[tuple[str, str], 
     for term in own.terms:
         held = {n: v for other in body if other.name == term.name for n, v in other.held if n in term.of_body}
         held |= {n: v for (name, n), v in given.items() if name == term.name}
-        terms.append(term_of(term.effect, dict(term.held) | held) if held else term)
+        terms.append(replace(term, held=term_of(term.effect, dict(term.held) | held).held) if held else term)
     return replace(own, terms=tuple(terms))
 
 
@@ -209,6 +219,19 @@ def _places(said: HypothesisFit) -> np.ndarray:
     own = [starts[t.name] + _solved_for(t) for t in said.hypothesis.terms]
     wheel = [starts["wheel axis"] + np.arange(AXIS)] if said.axis is not None else []
     return np.concatenate([np.arange(INERTIA), *wheel, *own]).astype(int)
+
+
+def _keys(said: HypothesisFit) -> list[tuple[str, int]]:
+    """What each of a fit's common unknowns is: of what, and its number there."""
+    wheel = [("wheel axis", k) for k in range(AXIS if said.axis is not None else 0)]
+    own = [(t.name, int(k)) for t in said.hypothesis.terms for k in _solved_for(t)]
+    return [*(("inertia", k) for k in range(INERTIA)), *wheel, *own]
+
+
+def _factors(said: HypothesisFit) -> np.ndarray:
+    """What the common unknowns are multiplied by in a record."""
+    terms = {t.name: t for t in said.hypothesis.terms if t.prior is None}
+    return np.array([terms[of].of_body_as(terms[of].unknowns[k])[1] if of in terms else 1.0 for of, k in _keys(said)])
 
 
 def _alike(said: HypothesisFit) -> list[np.ndarray]:
@@ -232,52 +255,64 @@ def _solved_for(term: Term) -> np.ndarray:
 
 
 def _law(said: HypothesisFit, first: HypothesisFit) -> Law:
-    """What a record says of the common unknowns of the first; nothing of a wheel's axis where it has no wheel."""
-    places = _places(said)
-    covariance = said.posterior.joint[np.ix_(places, places)].copy()
+    """What a record says of the common unknowns of the first; of what it does not have, such as a wheel, no more than the prior."""
+    places, factors = _places(said), _factors(said)
+    mean = np.concatenate(list(said.posterior.mean.values()))[places] / factors
+    sd = np.concatenate(list(said.posterior.sd.values()))[places] / factors
+    covariance = said.posterior.joint[np.ix_(places, places)] / np.outer(factors, factors)
+    if said.widened > 1.0:
+        by_rows = of_rows(np.linalg.inv(covariance), sd) / said.widened**2
+        covariance = np.linalg.inv(by_rows + np.diag(sd**-2))
     covariance[range(INERTIA), range(INERTIA)] += LEAST_SD**2
-    mean = np.concatenate(list(said.posterior.mean.values()))[places]
-    sd = np.concatenate(list(said.posterior.sd.values()))[places]
-    if first.axis is not None and said.axis is None:
-        sd = np.insert(sd, INERTIA, [AXIS_SD] * AXIS)
-        mean = np.insert(mean, INERTIA, [0.0] * AXIS)
-        whole = np.diag(sd**2)
-        own = np.delete(np.arange(len(sd)), np.arange(INERTIA, INERTIA + AXIS))
-        whole[np.ix_(own, own)] = covariance
-        covariance = whole
-    return Law(mean=mean, covariance=covariance, sd=sd)
+    keys, own = _keys(first), _keys(said)
+    if keys == own:
+        return Law(mean=mean, covariance=covariance, sd=sd)
+    whole_sd = np.concatenate(list(first.posterior.sd.values()))[_places(first)] / _factors(first)
+    whole_sd[[k for k, (of, _) in enumerate(keys) if of == "wheel axis"]] = AXIS_SD
+    at = [keys.index(k) for k in own]
+    whole_mean = np.zeros(len(keys))
+    whole_mean[at], whole_sd[at] = mean, sd
+    whole = np.diag(whole_sd**2)
+    whole[np.ix_(at, at)] = covariance
+    return Law(mean=whole_mean, covariance=whole, sd=whole_sd)
 
 
-def _moved(said: HypothesisFit, law: Law) -> Hypothesis:
+def _moved(said: HypothesisFit, law: Law, first: HypothesisFit) -> Hypothesis:
     """A record's hypothesis about values that what is common leads to, for effects that are not linear in theirs."""
     if said.hypothesis.linear:
         return said.hypothesis
     post, places = said.posterior, _places(said)
     mean = np.concatenate(list(post.mean.values()))
-    mean = mean + post.joint[:, places] @ np.linalg.solve(post.joint[np.ix_(places, places)], law.mean - mean[places])
+    keys = _keys(first)
+    away = law.mean[[keys.index(k) for k in _keys(said)]] * _factors(said) - mean[places]
+    mean = mean + post.joint[:, places] @ np.linalg.solve(post.joint[np.ix_(places, places)], away)
     own = dict(zip(post.mean, np.split(mean, np.cumsum([len(m) for m in post.mean.values()])[:-1]), strict=True))
     return replace(said.hypothesis, terms=tuple(t.moved(own[t.name]) if t.moves else t for t in said.hypothesis.terms))
 
 
-def _common(said: HypothesisFit, law: Law, evidence: float) -> Common:
+def _common(said: HypothesisFit, law: Law, laws: list[Law], evidence: float) -> Common:
     """The law in parameters, those of effects by one record's columns."""
-    shape = law.mean[:INERTIA]
+    shape, factors = law.mean[:INERTIA], _factors(said)
     parameters: dict[str, dict[str, float]] = {}
     sigma: dict[str, dict[str, float]] = {}
     at = INERTIA + (0 if said.axis is None else AXIS)
+    names = [("", "")] * at
     for term in said.hypothesis.terms:
         own = _solved_for(term)
         mean = said.posterior.mean[term.name].copy()
         covariance = np.zeros((len(mean), len(mean)))
-        mean[own] = law.mean[at : at + len(own)]
-        covariance[np.ix_(own, own)] = law.covariance[at : at + len(own), at : at + len(own)]
+        here, scale = slice(at, at + len(own)), factors[at : at + len(own)]
+        mean[own] = law.mean[here] * scale
+        covariance[np.ix_(own, own)] = law.covariance[here, here] * np.outer(scale, scale)
         at += len(own)
         values, spread = term.values(mean, covariance)
         sd = np.sqrt(np.maximum(np.diag(spread), 0.0))
-        of = {n: k for k, n in enumerate(term.unknowns) if n in term.of_body}
-        parameters[term.name] = {n: float(values[k]) for n, k in of.items()}
-        sigma[term.name] = {n: float(sd[k]) for n, k in of.items()}
+        of = {k: term.of_body_as(n) for k, n in enumerate(term.unknowns) if n in term.of_body}
+        parameters[term.name] = {n: float(values[k] / f) for k, (n, f) in of.items()}
+        sigma[term.name] = {n: float(sd[k] / f) for k, (n, f) in of.items()}
+        linear = term.prior is None and not term.moves
+        names += [(term.name, of[k][0]) if linear else ("", "") for k in own]
     return Common(
         shape=shape, covariance=law.covariance[:INERTIA, :INERTIA], inertia=inertia_of(shape), evidence=evidence,
-        parameters=parameters, sigma=sigma,
+        parameters=parameters, sigma=sigma, law=law, records=tuple(laws), names=tuple(names),
     )  # fmt: skip

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from massprops.diagnosis import criteria
-from massprops.diagnosis.document import document_of_selection, model_of_selection
+from massprops.diagnosis.document import BLIND, document_of_selection, model_of_selection
 from massprops.diagnosis.hypothesis_fit import torque_sd
-from massprops.diagnosis.measured_beside import effects_beside
+from massprops.diagnosis.measured_beside import effects_beside, of_one_wheel
 from massprops.diagnosis.motion_path import LARGEST_STEP, MOST_POINTS
 from massprops.diagnosis.record import FEWEST_ROWS, Record, record_of_attitudes, record_of_rates
 from massprops.diagnosis.residual_rows import HEAD, torque_rows
@@ -113,10 +113,11 @@ def diagnose_several(
         sequences: of body rates alone or of attitudes, by name; their body axes are the same.
 
     Raises:
-        InputError: a record holds something else.
+        InputError: a record holds something else, or its wheel is another one by what `rotor0` states.
         NotPossible: see `diagnose_by_balance`.
     """
-    from massprops.diagnosis.several import document_of_together, together
+    from massprops.diagnosis.several import together
+    from massprops.diagnosis.several_document import document_of_together
 
     for name, sequence in sequences.items():
         if not decides(sequence):
@@ -124,7 +125,7 @@ def diagnose_several(
                 f"{name}: several records are compared by attitudes, or by body rates over at most ten turns, and this one "
                 "holds neither: diagnose it by itself"
             )
-    found = [diagnose_by_balance(s, progress) for s in sequences.values()]
+    found = [diagnose_by_balance(s, progress) for s in of_one_wheel(sequences).values()]
     joint = together([f.selection for f in found])
     return document_of_together(joint, list(sequences), [f.document for f in found])
 
@@ -150,7 +151,7 @@ def _record(sequence: Sequence) -> Record:
 
 def _blind(turn: float) -> str:
     return (
-        f"not observable: the body turns by {np.degrees(turn):.0f} deg only, too little to show whether an effect is "
+        f"{BLIND}: the body turns by {np.degrees(turn):.0f} deg only, too little to show whether an effect is "
         "missing: give a longer record"
     )
 

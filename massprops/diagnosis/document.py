@@ -86,6 +86,17 @@ def gap(s: Selection) -> dict[str, Any]:
     }
 
 
+BLIND = "not observable"
+"""How the reason begins of a record that turns too little."""
+
+
+def is_blind(document: dict[str, Any]) -> bool:
+    """Whether a record turns too little to show whether an effect is missing, so that its verdict means nothing; of several
+    records whether all do."""
+    records = document.get("records", {}).values()
+    return all(map(is_blind, records)) if records else str(document["reason"]).startswith(BLIND)
+
+
 def reason(s: Selection) -> str:
     """The verdict in a sentence."""
     if s.verdict == "none":
@@ -179,10 +190,18 @@ def _mean_moment(
     """The body's mean moment of inertia in SI units, where a wheel's rate and moment are known."""
     given = getattr(module, "GIVEN", {})
     found = [(v, sigma[k]) for k, v in shown.items() if v is not None]
-    if "inertia_kg_m2" not in given or not found:
+    if "inertia_kg_m2" not in given:
+        return {}
+    return mean_moment(given["inertia_kg_m2"] * max(map(abs, given["rate_rad_s"])), found)
+
+
+def mean_moment(carried: float, found: list[tuple[float, float | None]]) -> dict[str, dict[str, float]]:
+    """A body's mean moment of inertia in SI units by what a wheel carries, in SI units and in those of the mean moment: values and
+    1-sigma by axis; nothing where none is shown."""
+    if not found:
         return {}
     size = np.sqrt(sum(v**2 for v, _ in found))
-    mean = given["inertia_kg_m2"] * max(map(abs, given["rate_rad_s"])) / size
+    mean = carried / size
     spread = np.sqrt(sum((v * (s or 0.0)) ** 2 for v, s in found)) / size
     return {"mean_moment_kg_m2": {"value": float(mean), "sigma": float(mean * spread / size)}}
 

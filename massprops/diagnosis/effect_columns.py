@@ -32,7 +32,8 @@ unit parameters. So are those of one that is linear in `MOMENTUM_UNKNOWNS` for a
 
 - `can_be(inertia, w, values)`: whether a body of inertia (3, 3) that turns at w (n, 3) can have the values of `MOMENTUM_UNKNOWNS`.
 
-- `BODY`: names of the parameters that belong to the body and are the same in all its records (`common_parameters`).
+- `BODY`: names of the parameters that belong to the body and are the same in all its records (`common_parameters`);
+- `BODY_NUMBERS`: by name, for those that are a number of the body times one of the record: the name of the former, and the latter.
 
 With `parts` in `held` the unknowns come once for each part, and a parameter is their sum.
 """
@@ -50,7 +51,7 @@ from massprops.diagnosis.motion_path import MotionPath
 from massprops.dynamics.environment import EnvironmentState
 from massprops.dynamics.rotation import six_of
 from massprops.effect_contract import superposes
-from massprops.effects import changes_motion, effects, places_of
+from massprops.effects import changes_motion, effects, of_body, places_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,11 +59,13 @@ class Term:
     """An effect in a hypothesis.
 
     Attributes:
-        effect: its file; held: parameters that are scanned, not solved for, by name.
+        effect: its file; held: parameters that are scanned, not solved for, by name. apart: whether several records share nothing
+            of it, though the body has it.
     """
 
     effect: ModuleType
     held: tuple[tuple[str, float], ...] = ()
+    apart: bool = False
 
     @property
     def name(self) -> str:
@@ -82,7 +85,11 @@ class Term:
     @property
     def of_body(self) -> tuple[str, ...]:
         """Names of its parameters that belong to the body, not to one record."""
-        return tuple(getattr(self.effect, "BODY", ()))
+        return () if self.apart else tuple(getattr(self.effect, "BODY", ()))
+
+    def of_body_as(self, name: str) -> tuple[str, float]:
+        """What the body's own number is called that one of these parameters tells, and what it is multiplied by in this record."""
+        return of_body(self.effect).get(name, (name, 1.0))
 
     def values(self, unknowns: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Parameters (k,) and their covariance (k, k) from all unknowns: their sums over the parts, or by the prior, or where the

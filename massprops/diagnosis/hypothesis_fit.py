@@ -110,6 +110,7 @@ class HypothesisFit:
             torque, over their noise; residual: (all, 3) with it. rate: (n, 3) predicted.
         held_sd: by effect, 1-sigma of the values that its columns hold, where they were looked at (`scanned_values`).
         carried: (n, 3) angular momentum of all, body axes [rad/s].
+        widened: by how much sigmas are larger than independent rows would have them, in `covariance` already.
         settled: whether the passes came to rest. Where they did not, covariances hold the step that was left. unverified: log
             evidence that the last pass expects of its step of the inertia, along which no pass has seen the balance.
     """
@@ -135,6 +136,7 @@ class HypothesisFit:
     blocks: tuple[Block, ...]
     y: np.ndarray
     held_sd: dict[str, dict[str, float]] = field(default_factory=dict)
+    widened: float = 1.0
     settled: bool = False
     unverified: float = 0.0
 
@@ -323,7 +325,7 @@ def linearised(
         start=np.mean(np.einsum("nij,nj->ni", path.R, carried), axis=0),
     )  # fmt: skip
     try:
-        return _reached(_solved(found.record, hypothesis, guess), 1.0)[0]
+        return replace(_reached(_solved(found.record, hypothesis, guess), 1.0)[0], widened=found.widened)
     except (np.linalg.LinAlgError, FloatingPointError):
         raise NotPossible("the records have no body in common that comes near them") from None
 

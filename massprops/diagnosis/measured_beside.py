@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import ModuleType
 
 import numpy as np
@@ -9,8 +10,12 @@ import numpy as np
 from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.mesh_faces import rows_of_mesh
 from massprops.effects import effects, of_record
+from massprops.errors import InputError
 from massprops.model.measured_wheel import measured_wheel
 from massprops.sequence.data import Sequence
+
+SAME_AXIS, SAME_MOMENT = 1e-3, 1e-3
+"""Of one wheel in two records: angle between its axes [rad], and part by which its moments may differ, as rounded numbers do."""
 
 
 def effects_beside(sequence: Sequence) -> list[ModuleType]:
@@ -30,6 +35,31 @@ def effects_beside(sequence: Sequence) -> list[ModuleType]:
             given["orbit_normal"] = np.asarray(sequence.environment.orbit.R_inertial_perifocal)[:, 2].tolist()
         needed = [m for m in effects().values() if "mesh" in m.NEEDS]
         out += [of_record(m, given) for m in needed if set(m.NEEDS) <= known]
+    return out
+
+
+def of_one_wheel(sequences: dict[str, Sequence]) -> dict[str, Sequence]:
+    """Records of one body with what any of them states of its wheel (`rotor0`): the axis and the moment of inertia. In one whose wheel
+    stands still there is none.
+
+    Raises:
+        InputError: they state different ones.
+    """
+    wheels = {name: s.rotor for name, s in sequences.items() if s.rotor is not None}
+    axis = next((w.axis for w in wheels.values() if w.axis is not None), None)
+    moment = next((w.inertia_kg_m2 for w in wheels.values() if w.inertia_kg_m2 is not None), None)
+    out = dict(sequences)
+    for name, wheel in wheels.items():
+        if axis is not None and wheel.axis is not None and wheel.axis @ axis < np.cos(SAME_AXIS):
+            raise InputError(
+                f"{name}: rotor0 states another axis than in another record: one wheel has one in the body"
+            )
+        if moment is not None and not np.isclose(wheel.inertia_kg_m2 or moment, moment, rtol=SAME_MOMENT):
+            raise InputError(
+                f"{name}: rotor0 states {wheel.inertia_kg_m2:g} kg m² and another record {moment:g}: one wheel has one"
+            )
+        own = replace(wheel, axis=axis, inertia_kg_m2=moment) if np.any(wheel.rate) else None
+        out[name] = replace(sequences[name], rotor=own)
     return out
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from massprops.diagnosis.document import is_blind
 from massprops.diagnosis.listed import listed
 from massprops.report.html import number, table, text, unit
 from massprops.report.plot import log_plot, plot
@@ -17,8 +18,8 @@ MEANS = {
     "ambiguous": "what a free rigid body does not explain has several explanations",
     "unexplained": "no known effect explains what a free rigid body does not",
 }
-BLIND, UNSEEN = "not observable", "whether an effect is missing cannot be told"
-"""How the reason of a record begins that turns too little, and what that means."""
+UNSEEN = "whether an effect is missing cannot be told"
+"""What the verdict of a record means that turns too little."""
 GAP = "Root-mean-square residuals over the noise: 1 is as good as can be."
 WITHIN = 1.645
 """Sigmas of a normal law that hold 90 %."""
@@ -30,8 +31,7 @@ def verdict(doc: dict[str, Any]) -> str:
     """The verdict in a sentence, and the parameters of what was named; those that the data do not show have no number."""
     names = ", ".join(dict.fromkeys(e["name"] for e in doc["effects"]))
     title = doc["verdict"] + (f": {names}" if names else "")
-    blind = doc["reason"].startswith(BLIND)
-    kind, means = ("warning", UNSEEN) if blind else (KIND[doc["verdict"]], MEANS[doc["verdict"]])
+    kind, means = ("warning", UNSEEN) if is_blind(doc) else (KIND[doc["verdict"]], MEANS[doc["verdict"]])
     said = (
         f'<div class="{kind}"><b>{text(title)}</b> ({means}). '
         f"{text(_sentence(doc['reason']))}</div>{_predicted(doc['gap']['held_out'])}"

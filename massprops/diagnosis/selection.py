@@ -105,7 +105,7 @@ class Selection:
         base: the plain rigid body; unknown: with a latent torque; others: with one in inertial axes, and with one that depends on
             the Sun's direction in the body in any way where that is known; tried: effects, the most likely first.
         verdict: `none`, `named`, `ambiguous` or `unexplained`; named: the effects of the verdict; skipped: why others
-            were not tried, by name.
+            were not tried, by name. measured: effects that follow what was measured beside the motion.
     """
 
     base: HypothesisFit
@@ -115,6 +115,7 @@ class Selection:
     named: tuple[Candidate, ...]
     skipped: dict[str, str] = field(default_factory=dict)
     others: tuple[HypothesisFit, ...] = ()
+    measured: tuple[ModuleType, ...] = ()
 
     @property
     def unknowns(self) -> tuple[HypothesisFit, ...]:
@@ -143,12 +144,13 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
     """The effect that a record's rigid body lacks."""
     watch("rigid body", 0, 1)
     base, unknown = without_effects(record)
+    usable, skipped = usable_effects(record)
+    measured = tuple(m for m in usable if follows_measured(m))
     if unknown is base:
-        return Selection(base=base, unknown=base, tried=(), verdict="none", named=())
+        return Selection(base=base, unknown=base, tried=(), verdict="none", named=(), measured=measured)
     by_sun = torque_by_sun(record, unknown)
     others = tuple(f for f in (inertial_torque(record, unknown), by_sun) if f is not None)
     unknowns = (unknown, *others)
-    usable, skipped = usable_effects(record)
     tried = _by_themselves(record, base, unknowns, usable, watch)
     tried.sort(key=lambda c: -c.alone.evidence)
     for k, one in enumerate(tried):
@@ -162,8 +164,9 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
     alike = _by_errors_alike(base, unknowns, tried)
     if alike is not None:
         return Selection(
-            base=alike, unknown=alike, tried=tuple(tried), verdict="none", named=(), skipped=skipped, others=others
-        )
+            base=alike, unknown=alike, tried=tuple(tried), verdict="none", named=(), skipped=skipped, others=others,
+            measured=measured,
+        )  # fmt: skip
     if asks_for_two(tried, base, *unknowns):
         tried = _begun_again(record, base, unknown, tried, usable)
     if asks_for_two(tried, base, *unknowns):
@@ -183,6 +186,7 @@ def select(record: Record, watch: Watch = lambda what, done, total: None) -> Sel
         named=tuple(_with_scanned(c, float(np.median(np.diff(record.times)))) for c in named),
         skipped=skipped,
         others=others,
+        measured=measured,
     )
 
 
@@ -328,9 +332,12 @@ def _by_itself(alone: HypothesisFit) -> HypothesisFit:
     with hardly any 0.95 to 1.06). Its sigmas allow for what is left to be alike in neighbours."""
     own = replace(alone.hypothesis, scale=criteria.SCALES[0])
     fit = fit_hypothesis(alone.record, own, again(alone))
-    wide = widening(fit.residual) ** 2
+    widened = widening(fit.residual)
+    wide = widened**2
     posterior = replace(fit.posterior, covariance={k: wide * v for k, v in fit.posterior.covariance.items()})
-    return replace(fit, posterior=posterior, covariance={k: wide * v for k, v in fit.covariance.items()})
+    return replace(
+        fit, posterior=posterior, covariance={k: wide * v for k, v in fit.covariance.items()}, widened=widened
+    )
 
 
 def _with_best(c: Candidate, found: HypothesisFit) -> Candidate:

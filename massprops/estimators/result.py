@@ -63,6 +63,8 @@ class Estimate(Displayed):
         memory_counted: the covariance already counts errors that stay alike from epoch to epoch.
         halves: of a batch method, the inertia by each half of the record: coordinates (5,) along
             `momentum.DIRECTIONS` at trace 1, and their covariance (5, 5).
+        of_body: by effect and name, numbers of the body that the effects of a model have (`massprops.effects.of_body`); whole_covariance:
+            (2 + m, 2 + m) of k1, k2 and these m in their order.
     """
 
     name: str
@@ -99,6 +101,8 @@ class Estimate(Displayed):
     residuals: np.ndarray | None = None
     memory_counted: bool = False
     halves: Halves | None = None
+    of_body: dict[tuple[str, str], float] = field(default_factory=dict)
+    whole_covariance: np.ndarray | None = None
 
     @property
     def sigma_k(self) -> np.ndarray | None:

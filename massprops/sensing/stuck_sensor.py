@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from massprops.errors import NotPossible
+from massprops.sensing.noisy_plateau import refuse_plateaus
 
 BY_CHANCE = 1e-9
 """Chance of so long a row of equal samples anywhere in a record, below which it is no measurement."""
@@ -45,6 +46,8 @@ def check_moving(times: np.ndarray, w: np.ndarray) -> None:
                 f"imu0: the rate about {axis} reads {value:.6g} rad/s in {length} samples in a row from {times[begins]:.4g} s on: the "
                 f"gyroscope is {where}. Cut the record there, or record with a wider range"
             )
+    if len(w) >= FEWEST_NOISY:
+        refuse_plateaus(times, w, np.array([_noise(values) for values in w.T]))
 
 
 def _refuse_dead(axis: str, values: np.ndarray, others: np.ndarray) -> None:

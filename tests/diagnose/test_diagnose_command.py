@@ -11,6 +11,7 @@ import pytest
 import yaml
 from report.browser import check_page, needs_browser
 
+from massprops import sequence_from_arrays
 from massprops.diagnosis.search.residual_statistics import mean_square, whiteness
 from massprops.model import load_model
 from massprops.model.linearise import Residuals
@@ -141,4 +142,18 @@ def test_misfit_and_whiteness_of_normal_noise_and_of_structure() -> None:
 @pytest.mark.parametrize("name", ["config_b_LOG00152", "config_b_LOG00156"])
 def test_a_body_that_hardly_turns_is_not_observable(real_data: Path, tmp_path: Path, name: str) -> None:
     status, document = _diagnose(real_data / "throws" / name, tmp_path / "out")
-    assert status == 0 and document["verdict"] == "none" and "not observable" in document["reason"]
+    assert status == 3 and document["verdict"] == "none" and "not observable" in document["reason"]
+
+
+def test_a_short_turn_ends_with_exit_code_3_and_keeps_what_was_computed(tmp_path: Path) -> None:
+    """So do several records of which none turns enough; one that does is enough."""
+    t = np.arange(0.0, 1.0, 0.01)
+    rng = np.random.default_rng(4)
+    for name, size in (("short", 0.1), ("other", 0.15), ("long", 6.0)):
+        w = size * np.stack([np.cos(2.0 * t), np.sin(2.0 * t), 0.5 + 0.0 * t], axis=1)
+        noisy = w + 1e-3 * rng.standard_normal(w.shape)
+        write_sequence(tmp_path / name, sequence_from_arrays(t, rates=noisy, rate_sigma=1e-3))
+    assert _diagnose(tmp_path / "short", tmp_path / "out")[0] == 3
+    assert (tmp_path / "out" / "report.html").is_file()
+    assert run(["diagnose", *(str(tmp_path / n) for n in ("short", "other")), "-q"]) == 3
+    assert run(["diagnose", *(str(tmp_path / n) for n in ("short", "long")), "-q"]) == 0

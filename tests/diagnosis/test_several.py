@@ -20,15 +20,10 @@ from massprops.diagnosis.momentum_balance import inertia_of, shape_of
 from massprops.diagnosis.record import Record, record_of_attitudes, record_of_rates
 from massprops.diagnosis.scanned_values import with_scanned
 from massprops.diagnosis.selection import Candidate, without_effects
-from massprops.diagnosis.several import (
-    CommonEffect,
-    Together,
-    common_ratios,
-    document_of_together,
-    scatter,
-    together,
-)
+from massprops.diagnosis.several import CommonEffect, Together, together
+from massprops.diagnosis.several_document import common_ratios, document_of_together
 from massprops.dynamics.inertia import ratios
+from massprops.dynamics.quaternion import from_rotation_vector, rotation_matrix
 from massprops.effects import effects
 from massprops.errors import NotPossible
 from massprops.sequence.data import Sequence
@@ -260,17 +255,46 @@ def _none(record: Record) -> Candidate:
     raise NotPossible("not tried")
 
 
-def test_what_is_told_by_other_fits_than_count_does_not_part_the_records(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_told_by_other_fits_than_count_does_not_part_the_records() -> None:
     """A wheel whose rate was measured counts beside an unknown torque and is told by itself, with sigmas that hold for one record."""
     fits = [without_effects(record_of_rates(tumble(rate=60.0, seconds=0.6, seed=k)))[0] for k in (1, 2)]
-    tight = [replace(f, inertia=inertia_of(f.shape + 0.1 * k)) for k, f in enumerate(fits)]
-    own = tuple(Candidate(alone=f, told=t) for f, t in zip(fits, tight, strict=True))
+    own = tuple(Candidate(alone=f, told=f) for f in fits)
     common = common_of(fits)
-    monkeypatch.setattr(
-        "massprops.diagnosis.several.agreement", lambda common, fits: -30.0 if fits[0] is tight[0] else 5.0
-    )
-    effect = CommonEffect(name="wheel", evidence=50.0, common=common, candidates=own, agreement=5.0)
-    found = Together(verdict="named", named=(effect,), tried=(effect,), common=common, agreement=5.0)
+    moved = [
+        replace(law, mean=law.mean + s * np.sqrt(np.diag(law.covariance)))
+        for law, s in zip(common.records, (4, -4), strict=True)
+    ]
+    apart = replace(common, records=tuple(moved))
+    effect = CommonEffect(name="wheel", evidence=50.0, common=apart, candidates=own, agreement=5.0)
+    found = Together(verdict="named", named=(effect,), tried=(effect,), common=apart, agreement=5.0)
     document = document_of_together(found, ["a", "b"], [{"warnings": []}, {"warnings": []}])
-    assert "are of their scatter" in document["warnings"][0] and "its parameters the same" not in document["reason"]
-    assert document["k1"]["sigma"] >= scatter(effect)[0]
+    assert any("the records differ in k" in w for w in document["warnings"])
+    assert any("sigmas" in w and "times as large" in w for w in document["warnings"])
+    assert "its parameters the same" not in document["reason"]
+    alike = replace(found, named=(replace(effect, common=common),), common=common)
+    sigma = document_of_together(alike, ["a", "b"], [{"warnings": []}, {"warnings": []}])["k1"]["sigma"]
+    assert found.stretch > 2.0 and document["k1"]["sigma"] > 2.0 * sigma
+
+
+def test_one_effect_in_turned_axes_is_told_with_the_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A sensor that has slipped between two records: each shows the drag, together they have no inertia in common."""
+    usable = selection.usable_effects
+    monkeypatch.setattr(
+        selection, "usable_effects", lambda r: ([e for e in usable(r)[0] if e.NAME == "viscous-damping"], {})
+    )
+    monkeypatch.setattr(selection, "first_look_at_wheel", _none)
+    fits = []
+    for k in (1, 2):
+        series = tumble(torque=lambda t, w: -0.5 * w, rate=60.0, seconds=0.6, seed=k)
+        axis = np.array([0.0, 0.0, 0.05 * (k - 1)])
+        turned = rotation_matrix(from_rotation_vector(axis))
+        fits.append(diagnose_by_balance(Sequence(rates=replace(series, w=series.w @ turned))))
+    found = together([f.selection for f in fits])
+    with pytest.raises(
+        NotPossible, match="one inertia and one viscous-damping .* apart in .*turn .rad. about principal axis"
+    ):
+        document_of_together(found, ["a", "b"], [f.document for f in fits])
+    effect = replace(found.named[0], candidates=())
+    unexplained = replace(found, verdict="unexplained", named=(), agreement=0.0, split=effect)
+    reason = document_of_together(unexplained, ["a", "b"], [f.document for f in fits])["reason"]
+    assert "viscous-damping explains each by itself, but they differ in" in reason

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,6 +18,7 @@ from massprops.errors import NotPossible
 from massprops.estimators.estimate import estimate_all
 from massprops.sensing.stuck_sensor import check_moving
 from massprops.sensing.time_jumps import check_attitude_times, check_rate_times
+from massprops.sequence import read_sequence
 from massprops.sequence.data import RateSeries, Sequence
 
 TIMES = np.linspace(0.0, 2.0, 400)
@@ -103,3 +105,46 @@ def test_an_event_in_a_gap_may_be_times_that_jump() -> None:
 def test_coarse_counts_and_axes_that_never_move_are_measurements(step: float) -> None:
     check_moving(TIMES, rates(step))
     check_moving(TIMES, rates(step) * [1.0, 0.0, 1.0])
+
+
+# -- a range that ends before noise comes on top --------------------------------------------------------------------------------------
+
+
+def cut(top: float, noise: float = 0.01, seed: int = 1) -> np.ndarray:
+    """(400, 3) of a tumble whose range ends at `top` [rad/s], with noise on top."""
+    angle = 3.0 * TIMES[:, None] + np.array([0.0, 1.0, 2.0])
+    return np.clip(5.0 * np.sin(angle), -top, top) + np.random.default_rng(seed).normal(0.0, noise, (len(TIMES), 3))
+
+
+@pytest.mark.parametrize("top", [3.0, 4.0, 4.7])
+def test_a_range_that_ends_below_noise_is_told(top: float) -> None:
+    with pytest.raises(NotPossible, match=r"rate about . stays at -?\d.* such plateaus .* end of its range"):
+        check_moving(TIMES, cut(top))
+
+
+def test_extremes_of_a_tumble_are_no_plateaus() -> None:
+    for seed in range(5):
+        check_moving(TIMES, cut(10.0, seed=seed))
+
+
+def test_a_wheel_that_is_driven_held_and_let_go_makes_one_plateau_and_is_none() -> None:
+    """About its own axis a body that turns steadily keeps its rate until the wheel is driven, and while it is held."""
+    history = np.interp(TIMES, [0.5, 0.8, 1.3, 1.6], [0.0, 1.0, 1.0, 0.0])
+    w = np.stack([0.5 * np.cos(6.0 * TIMES), 0.5 * np.sin(6.0 * TIMES), 5.0 + history], axis=1)
+    check_moving(TIMES, w + np.random.default_rng(3).normal(0.0, 0.01, w.shape))
+
+
+def test_a_slow_turn_about_the_middle_axis_stays_near_its_extremes_and_bends() -> None:
+    """Near the axis of the middle moment a body dwells, turns over and dwells: rates like a hyperbolic tangent."""
+    t = np.linspace(-12.0, 12.0, 1200)
+    w = np.stack([1.0 / np.cosh(t), np.tanh(3.0 * np.sin(0.6 * t)), 1.0 / np.cosh(t)], axis=1)
+    for seed in range(5):
+        check_moving(t, w + np.random.default_rng(seed).normal(0.0, 0.003, w.shape))
+
+
+@pytest.mark.parametrize("folder", ["flights", "racquets"])
+def test_real_gyroscopes_are_within_their_range(real_data: Path, folder: str) -> None:
+    for record in sorted((real_data / folder).iterdir()):
+        series = read_sequence(record).rates
+        assert series is not None
+        check_moving((series.timestamp_ns - series.timestamp_ns[0]) * 1e-9, series.w)

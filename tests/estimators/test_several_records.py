@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import massprops
+from massprops.dynamics.inertia import ratios
 from massprops.errors import NotPossible
 from massprops.estimators.result import Estimate
 from massprops.estimators.several import together
@@ -57,3 +58,49 @@ def test_the_command_joins_records_and_writes_them(tmp_path: Path, capsys: pytes
     assert joint["sigma_k1"] < min(alone)
     found = massprops.estimate(own[0], more=own[1:], method="momentum-ls")
     assert found.k1 == pytest.approx(joint["k1"]) and found.verdict == "observable"
+
+
+MOMENTS = ("moment_x", "moment_y", "moment_z")
+
+
+def wheeled(k1: float, moment: float, rho: float) -> Any:
+    """An estimate of a wheel's moment whose error goes with that of k1."""
+    whole = np.diag([1e-4, 1e-4, 1e-4])
+    whole[0, 2] = whole[2, 0] = rho * 1e-4
+    one = Estimate(
+        "smoother", True, True, k1=k1, k2=-0.2, k_covariance=whole[:2, :2], body_frame="attitude0",
+        of_body={("internal-rotor", "moment"): moment}, whole_covariance=whole,
+    )  # fmt: skip
+    return SimpleNamespace(sound=[one])
+
+
+def test_a_number_of_the_body_that_both_find_helps_the_ratios() -> None:
+    """Errors that go together in opposite senses leave less of both than the ratios alone."""
+    (found,) = together({"a": wheeled(-0.30, 0.5, 0.95), "b": wheeled(-0.30, 0.5, -0.95)})
+    assert found.parameters["internal-rotor"]["moment"] == pytest.approx(0.5)
+    assert (
+        np.sqrt(found.covariance[0, 0]) < 0.5 * 0.01 / np.sqrt(2.0) and found.sigma["internal-rotor"]["moment"] < 0.004
+    )
+
+
+def test_different_wheels_leave_the_ratios() -> None:
+    (found,) = together({"a": wheeled(-0.30, 0.5, 0.3), "b": wheeled(-0.30, 0.7, 0.3)})
+    assert found.differ and not found.parameters and found.k[0] == pytest.approx(-0.30)
+    assert np.sqrt(found.covariance[0, 0]) == pytest.approx(0.01 / np.sqrt(2.0))
+
+
+def test_the_smoother_finds_one_wheel_in_two_records(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from diagnosis.test_several_wheels import INERTIA, MOMENT, down, spun, up
+
+    for name, sequence in (("up", spun(up, [0.1, 0.15, -0.08], 0)), ("down", spun(down, [0.05, -0.1, 0.12], 1))):
+        write_sequence(tmp_path / name, sequence)
+    own = [str(tmp_path / name) for name in ("up", "down")]
+    assert run(["estimate", *own, "--method", "smoother", "-o", str(tmp_path / "out"), "-q"]) == 0
+    assert "moment_x of internal-rotor" in capsys.readouterr().out
+    (found,) = json.loads((tmp_path / "out" / "estimates.json").read_text())["estimators"]
+    assert found["p_value"] > 1e-3
+    for name, truth in zip(MOMENTS, MOMENT, strict=True):
+        value, sigma = (found[k]["internal-rotor"][name] for k in ("parameters", "sigma"))
+        assert value == pytest.approx(truth, abs=4.0 * sigma) and sigma < 1e-6
+    for k, truth in zip(("k1", "k2"), ratios(INERTIA)[0], strict=True):
+        assert found[k] == pytest.approx(truth, abs=4.0 * found[f"sigma_{k}"])

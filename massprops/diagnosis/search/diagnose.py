@@ -11,6 +11,7 @@ import numpy as np
 
 from massprops.core.outputs import Outputs, verify
 from massprops.diagnosis.criteria import SHOWN
+from massprops.diagnosis.document import BLIND
 from massprops.diagnosis.search.result import Diagnosis
 from massprops.dynamics.inertia import ratios
 from massprops.errors import InputError, NotPossible
@@ -316,7 +317,7 @@ def _blind(case: Case, base: Scored) -> str:
     turned = case.speed * case.span
     if turned < MOST_HIDDEN_TURN:
         return (
-            f"not observable: the body turns by {np.degrees(turned):.0f} deg only, too little to show whether an effect is "
+            f"{BLIND}: the body turns by {np.degrees(turned):.0f} deg only, too little to show whether an effect is "
             "missing: give a longer record"
         )
     return ""

@@ -13,7 +13,7 @@ PARAMETERS = (
 )
 NOTE = (
     "Where rotor0 holds the wheel's rate there are no shapes: the momentum follows the rate and is that at its largest, along each "
-    "axis, or along the wheel's axis where it is known."
+    "axis, or along the wheel's axis where it is known. Several records share that momentum over that rate, the wheel's moment of inertia."
 )
 NEEDS = ()
 
@@ -88,6 +88,7 @@ def measured(given):
     names = tuple(q.name for q in PARAMETERS[:3]) if axis is None else ("momentum",)
 
     share, along = rates / largest, ways.tolist()
+    of_body = {n: n.replace("momentum", "moment") for n in names}
 
     def internal(t, z, p):
         h = np.interp(np.real(t), times, share)
@@ -100,6 +101,8 @@ def measured(given):
         "FORMULA": "momentum inside = momentum rate(t) / largest rate",
         "PARAMETERS": tuple(Parameter(n, "rad s^-1", 1e-2, 1e5) for n in names),
         "MOMENTUM_UNKNOWNS": names,
+        "BODY": names,
+        "BODY_NUMBERS": {n: (own, largest) for n, own in of_body.items()},
         "internal": internal,
         "momentum_columns": momentum_columns,
         "corners": None,

@@ -6,11 +6,13 @@ import numpy as np
 
 from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.quaternion import from_rotation_matrix, multiply
+from massprops.effects import of_body
 from massprops.estimators.attitude_information import hidden_by
 from massprops.estimators.batch.solve import Fit, covariance_of
 from massprops.estimators.batch.start import BatchStart
 from massprops.estimators.judgement import INCOMPLETE
 from massprops.estimators.result import Estimate
+from massprops.model import Model
 from massprops.model.linearise import Slopes
 from massprops.model.problem import Problem
 from massprops.model.state import ratio_slopes
@@ -39,6 +41,7 @@ def estimate_of(
     k_covariance, axes_covariance = slopes @ block @ slopes.T, turns @ block @ turns.T
     turn = float(np.sqrt(np.max(np.diag(axes_covariance))))
     hidden = rival or hidden_by(np.sqrt(np.diag(k_covariance)), turn, state.w0, axes, LARGEST_SIGMA_K)
+    numbers, by = _of_body(state.model, slopes)
     tracked = "tracks" in first.channels
     sigma = _sigmas(problem, found, environment, covariance)
     cam = motion.turn
@@ -71,7 +74,24 @@ def estimate_of(
         used=int(found.count),
         cpu_us_per_step=1e6 * seconds / len(problem.times),
         warnings=first.notes,
+        of_body=numbers,
+        whole_covariance=by @ covariance @ by.T,
     )
+
+
+def _of_body(model: Model, slopes: np.ndarray) -> tuple[dict[tuple[str, str], float], np.ndarray]:
+    """The body's numbers that a model's effects have, and derivatives (2 + m, size) of k1, k2 and these by the state's parameters."""
+    sizes = [len(v) for v in model.values]
+    ends = 17 + np.cumsum([0, *sizes])
+    numbers: dict[tuple[str, str], float] = {}
+    rows = [np.concatenate([np.zeros(12), s, np.zeros(ends[-1] - 17)]) for s in slopes]
+    for effect, value, at in zip(model.modules, model.values, ends, strict=False):
+        for k, q in enumerate(effect.PARAMETERS):
+            if q.name in of_body(effect):
+                word, factor = of_body(effect)[q.name]
+                numbers[effect.NAME, word] = float(value[k] / factor)
+                rows.append(np.eye(ends[-1])[at + k] / factor)
+    return numbers, np.array(rows)
 
 
 def _sigmas(
