@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from types import SimpleNamespace
 from typing import cast
 
@@ -22,6 +23,7 @@ SIZE, PIXEL, DEEP = (320, 240), 1 / 80, 1.5
 """Of an image; of a pixel at the body; by how many the surface is too deep."""
 
 
+@cache
 def filmed(paint_of: int = 0) -> tuple[Views, list[np.ndarray], list[np.ndarray]]:
     """Cameras about a painted ellipsoid, their images and silhouettes; paint_of: each image has its own paint from the second on."""
     views, grey, masks = cameras(sphere_directions(24), 5.0, 400.0, SIZE), [], []
@@ -29,13 +31,13 @@ def filmed(paint_of: int = 0) -> tuple[Views, list[np.ndarray], list[np.ndarray]
     pixels = np.stack([u, v, np.ones_like(u)], axis=-1).astype(float)
     for i in range(len(views)):
         rng = np.random.default_rng([4, i * paint_of])
-        wave, phase = rng.standard_normal((40, 3)) / (2.5 * PIXEL), rng.uniform(0, 2 * np.pi, 40)
+        wave, phase = rng.standard_normal((20, 3)) / (2.5 * PIXEL), rng.uniform(0, 2 * np.pi, 20)
         ray = (pixels @ np.linalg.inv(views.K[i]).T @ views.R[i]) / AXES
         eye = views.centres[i] / AXES
         a, b, c = (ray**2).sum(-1), ray @ eye, eye @ eye - 1
         hit = b**2 > a * c
         place = (eye + ((-b - np.sqrt(np.where(hit, b**2 - a * c, 0))) / a)[..., None] * ray) * AXES
-        paint = 128 + 6 * np.cos(place @ wave.T + phase).sum(-1)
+        paint = 128 + 8 * np.cos(place @ wave.T + phase).sum(-1)
         grey.append(np.where(hit, paint, 20).astype(np.float32))
         masks.append(np.where(hit, 255, 0).astype(np.uint8))
     return views, grey, masks
