@@ -17,7 +17,7 @@ from massprops.dense.noise import denoised
 from massprops.dense.patchmatch import UNIQUE
 from massprops.dense.select import Sparse, seen_points, select_views
 from massprops.errors import NotPossible
-from massprops.geometry.projection import facing, project
+from massprops.geometry.projection import facing_points, project
 from massprops.views import Views
 
 MOST_PIXELS = 40_000
@@ -169,7 +169,7 @@ class _Scene:
         if known is None:
             uv, depth = project(seen_points(self.sparse, i), mine.K, R, t)
             return mine.mask, np.column_stack([uv, depth])[depth > 0]
-        seen = facing(known.xyz, known.normal, mine.K, R, t)
+        seen = facing_points(known.xyz, known.normal, mine.K, R, t)
         return _unexplained(mine.mask, seen[:, :2]), seen
 
 

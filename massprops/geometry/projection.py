@@ -15,7 +15,7 @@ def project(points: np.ndarray, K: np.ndarray, R: np.ndarray, t: np.ndarray) -> 
     return uv, depth
 
 
-def facing(points: np.ndarray, normals: np.ndarray, K: np.ndarray, R: np.ndarray, t: np.ndarray) -> np.ndarray:
+def facing_points(points: np.ndarray, normals: np.ndarray, K: np.ndarray, R: np.ndarray, t: np.ndarray) -> np.ndarray:
     """Pixels and depths (k, 3) of those of n surface points that look at the camera and lie before it, in their order.
 
     Args:

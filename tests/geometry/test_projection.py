@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from massprops.geometry.projection import facing, project
+from massprops.geometry.projection import facing_points, project
 
 
 def test_points_that_look_at_the_camera_are_projected_in_their_order():
@@ -14,4 +14,4 @@ def test_points_that_look_at_the_camera_are_projected_in_their_order():
     uv, depth = project(points, K, R, t)
     shown = (depth > 0) & (np.einsum("ij,ij->i", normals, -R.T @ t - points) > 0)
     assert 20 < np.count_nonzero(shown) < 200
-    np.testing.assert_allclose(facing(points, normals, K, R, t), np.column_stack([uv, depth])[shown], atol=1e-9)
+    np.testing.assert_allclose(facing_points(points, normals, K, R, t), np.column_stack([uv, depth])[shown], atol=1e-9)
