@@ -37,8 +37,9 @@ RADIUS, STEPS, FARTHEST = 3, 21, 5.0
 On the narrow sides of a bottle that stereo had 2.1 px too deep, windows of 7, 11 and 19 px were best 0, 0.5 and 2 px below the truth."""
 NOISE = 2.0
 """Grey levels below which contrast says nothing."""
-APART = 3.0
-"""Between places that are compared [px]."""
+APART, MOST_TRIED, MOST_PLACES = 3.0, 20_000, 6000
+"""Between places that are compared [px], or farther, so that there are no more about which windows are asked for, and no more that are
+compared: each takes a millisecond."""
 ABOUT, EDGES, NEIGHBOURS, LEAST_NEIGHBOURS = 8.0, 3.5, 64, 20
 """Surface within this distance [px], and within so many edges of the mesh, says how a window bends, by so many of its vertices at most,
 and at least."""
@@ -55,9 +56,9 @@ MOST_AVERAGED = 256
 """Places that are averaged, at most."""
 COMMON = 2.0
 """How much wider the surface is over which the halves are compared."""
-SURE, STAY = 0.3, 0.01
-"""What a place's own move counts, and that it stays elsewhere, over the difference from the mean of the neighbours: a move fades in five
-edges."""
+SURE, STAY = 0.3, 0.1
+"""What a place's own move counts, and all vertices' staying over the places among them, over the difference from the mean of the neighbours.
+Where every tenth vertex is one a move fades in five edges."""
 HELD = 1e6
 """The same of what must not move."""
 
@@ -121,7 +122,9 @@ def offsets(
     """
     chosen = _spread_out(mesh[0], APART * pixel)
     windows, whole = _windows(mesh, chosen, pixel)
-    windows, chosen = _Windows(*(a[whole] for a in windows)), chosen[whole]
+    kept = np.flatnonzero(whole)
+    kept = kept[np.linspace(0, len(kept) - 1, min(len(kept), MOST_PLACES)).astype(int)]
+    windows, chosen = _Windows(*(a[kept] for a in windows)), chosen[kept]
     view, start = _seen(mesh, windows, views, images, pixel)
     along = np.linspace(-FARTHEST, FARTHEST, STEPS)
     curves = np.zeros((len(chosen), 2, STEPS))
@@ -152,9 +155,13 @@ def _packed(views: Views, grey: list[np.ndarray]) -> _Images:
 
 
 def _spread_out(vertices: np.ndarray, apart: float) -> np.ndarray:
-    """Vertices (k,) int, one of each cell of a grid."""
-    cell = np.floor((vertices - vertices.min(axis=0)) / apart).astype(np.int64)
-    return np.asarray(np.unique(cell, axis=0, return_index=True)[1])
+    """Vertices (k,) int, one of each cell of a grid, at most MOST_TRIED."""
+    while True:
+        cell = np.floor((vertices - vertices.min(axis=0)) / apart).astype(np.int64)
+        chosen = np.asarray(np.unique(cell, axis=0, return_index=True)[1])
+        if len(chosen) <= MOST_TRIED:
+            return chosen
+        apart *= np.sqrt(1.05 * len(chosen) / MOST_TRIED)
 
 
 def _windows(mesh: tuple[np.ndarray, np.ndarray], chosen: np.ndarray, pixel: float) -> tuple[_Windows, np.ndarray]:
@@ -344,7 +351,7 @@ def _over_all(
     from scipy.sparse.linalg import spsolve
 
     size = len(vertices)
-    weight, right = np.full(size, STAY), np.zeros(size)
+    weight, right = np.full(size, STAY * len(place) / size), np.zeros(size)
     weight[place], right[place] = SURE, SURE * offset
     weight[held], right[held] = HELD, 0.0
     return np.asarray(spsolve((identity(size) - mean_matrix(faces, size) + diags(weight)).tocsc(), right))
