@@ -17,6 +17,7 @@ from massprops.dense.noise import denoised
 from massprops.dense.patchmatch import UNIQUE
 from massprops.dense.select import Sparse, seen_points, select_views
 from massprops.errors import NotPossible
+from massprops.geometry.projection import facing_points, project
 from massprops.views import Views
 
 MOST_PIXELS = 40_000
@@ -164,16 +165,12 @@ class _Scene:
         ones once there are any."""
         i = int(self.reference[n])
         mine = self.cut[i]
+        R, t = self.views.R[i], self.views.t[i]
         if known is None:
-            points = seen_points(self.sparse, i)
-        else:
-            facing = np.einsum("ij,ij->i", known.normal, self.views.centres[i] - known.xyz) > 0
-            points = known.xyz[facing].astype(float)
-        seen = points @ self.views.R[i].T + self.views.t[i]
-        seen = seen[seen[:, 2] > 0]
-        uv = seen[:, :2] / seen[:, 2:] @ mine.K[:2, :2].T + mine.K[:2, 2]
-        mask = mine.mask if known is None else _unexplained(mine.mask, uv)
-        return mask, np.column_stack([uv, seen[:, 2]])
+            uv, depth = project(seen_points(self.sparse, i), mine.K, R, t)
+            return mine.mask, np.column_stack([uv, depth])[depth > 0]
+        seen = facing_points(known.xyz, known.normal, mine.K, R, t)
+        return _unexplained(mine.mask, seen[:, :2]), seen
 
 
 def _scene(views: Views, image: Image, sparse: Sparse, options: DenseOptions) -> _Scene:

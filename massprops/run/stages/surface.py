@@ -113,9 +113,9 @@ def run(job: Job) -> dict[str, Any]:
     moving = free or bool(footage["masks_given"])
     balance = _balance(views, cloud, footage) if grey and len(cloud) else None
     surface, masks = _surface(job, (views, masks, grey), (cloud, table), place, moving, balance)
-    if not moving and drawn_from_shapes(job):
-        # for the user: a surface must not be judged by silhouettes that were drawn from it
-        silhouettes_again(job, views, (surface.vertices, surface.faces), masks, surface.cloud.xyz)
+    if footage["motion"] == "static":
+        surface = _by_images(job, surface, views, masks, place)
+    _draw_silhouettes_again(job, surface, views, masks, moving)
     lost = _lost(surface)
     # what turns in the light changes on every side from view to view
     surface, holes = (surface, NO_HOLES) if free else _opened(surface, views, _grey(job, views))
@@ -183,6 +183,28 @@ def _lost(surface: Surface) -> float:
             "closed body was measured; give images with more overlap and from more sides"
         )
     return lost
+
+
+def _by_images(job: Job, surface: Surface, views: Views, masks: list[np.ndarray], place: dict[str, Any]) -> Surface:
+    """The surface of a still object, moved to where its images agree best; `place` is `join.json`."""
+    from massprops.surface.photometric import moved_to_images
+
+    if not surface.observed.any():
+        return surface
+    placement = np.zeros(len(views), np.int64)
+    for number, joint in enumerate(_joints(place), start=1):
+        placement[joint.first : joint.last + 1] = number
+    return moved_to_images(surface, views, _grey(job, views), masks, placement)
+
+
+def _draw_silhouettes_again(job: Job, surface: Surface, views: Views, masks: list[np.ndarray], moving: bool) -> None:
+    """Draws silhouettes from the surface, for the user: a surface must not be judged by silhouettes that were drawn from it.
+
+    Args:
+        moving: nothing else is in the cloud.
+    """
+    if not moving and drawn_from_shapes(job):
+        silhouettes_again(job, views, (surface.vertices, surface.faces), masks, surface.cloud.xyz)
 
 
 def _outline_gaps(surface: Surface, views: Views, masks: list[np.ndarray], free: bool) -> Gaps:

@@ -1,0 +1,364 @@
+"""Moves a closed surface to where the images of a still object agree best.
+
+Stereo matches windows as planes, or bent as a noisy depth map bends. On plain convex sides that leaves the surface too deep in all
+views alike: small windows that bend as the mesh does agree at the true place, there too, but each by itself says next to nothing.
+So at places spread over the surface the agreement of the images is found as a function of how far a small window is moved along the
+normal (mean normalised cross-correlation of all pairs of images), these curves are averaged over the surface about, and the surface
+goes to their maxima (Vu, Labatut, Pons, Keriven 2012 descend the same measure).
+
+How much of a move is noise shows in the images: each half of the images about a place gives its own, and what the halves have in
+common is the share that is believed (Spearman 1910; Brown 1910).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numba import njit
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
+from massprops.geometry.rasterise import rasterise
+from massprops.surface.cloud import Cloud
+from massprops.surface.reconstruct import Surface
+from massprops.surface.refine import mean_matrix, vertex_normals
+from massprops.surface.silhouette import agreement
+from massprops.views import Views
+
+Array = np.ndarray
+
+ROUNDS = 2
+"""Times that the surface is moved: it bends otherwise after each."""
+RADIUS, STEPS, FARTHEST = 3, 21, 5.0
+"""Of a window, of 7 x 7 places a pixel apart; places along the normal at which it is compared, and how far the outer ones are [px].
+On the narrow sides of a bottle that stereo had 2.1 px too deep, windows of 7, 11 and 19 px were best 0, 0.5 and 2 px below the truth."""
+NOISE = 2.0
+"""Grey levels below which contrast says nothing."""
+APART, MOST_TRIED, MOST_PLACES = 3.0, 20_000, 6000
+"""Between places that are compared [px], or farther, so that there are no more about which windows are asked for, and no more that are
+compared: each takes a millisecond."""
+ABOUT, EDGES, NEIGHBOURS, LEAST_NEIGHBOURS = 8.0, 3.5, 64, 20
+"""Surface within this distance [px], and within so many edges of the mesh, says how a window bends, by so many of its vertices at most,
+and at least."""
+MOST_ASIDE, LEAST_WIDTH = 0.25, 0.35
+"""Of that distance: how far the middle of this surface may lie aside, and how wide (1-sigma) it must be each way; full discs have 0 and
+0.5. At a rim, and on a part that is thin, a window shows what is not the surface."""
+LEAST_FACING, HIDDEN = 0.35, 3.0
+"""Cosine between the normal and the line of sight; distance behind the surface at which a place is hidden [px]."""
+MOST_VIEWS, LEAST_VIEWS = 8, 3
+"""Images of each half that are compared at a place, and those without which it says nothing."""
+SPREAD = 12.0
+"""1-sigma of the surface over which curves are averaged [px]; as far again in the normal, where it turns by a radian."""
+MOST_AVERAGED = 256
+"""Places that are averaged, at most."""
+COMMON = 2.0
+"""How much wider the surface is over which the halves are compared."""
+SURE, STAY = 0.3, 0.1
+"""What a place's own move counts, and all vertices' staying over the places among them, over the difference from the mean of the neighbours.
+Where every tenth vertex is one a move fades in five edges."""
+HELD = 1e6
+"""The same of what must not move."""
+
+
+class _Images(NamedTuple):
+    """All images as the kernel takes them: grey, one after the other; (n, 3) first pixel, rows, columns; (n, 16) fu fv cu cv, the
+    rotation row by row, the translation."""
+
+    grey: np.ndarray
+    shape: np.ndarray
+    camera: np.ndarray
+
+
+class _Windows(NamedTuple):
+    """Places (n, 3), their normals and two directions across (n, 3) each, and how windows bend (n, 5): the coefficients of u, v, u u,
+    u v, v v of the height, u and v in pixels."""
+
+    place: np.ndarray
+    normal: np.ndarray
+    across: np.ndarray
+    down: np.ndarray
+    bend: np.ndarray
+
+
+def moved_to_images(
+    surface: Surface, views: Views, grey: list[np.ndarray], masks: list[np.ndarray], placement: np.ndarray
+) -> Surface:
+    """The surface with its cloud, moved to where the images agree best; what is closed at the support stays.
+
+    Outlines have no part in that, and so they judge it: where the silhouettes then overlap less, the surface stays as it was.
+
+    Args:
+        views: n cameras; grey: n undistorted images (h, w); masks: n undistorted silhouettes (h, w), 255 object, 0 sky.
+        placement: (n,) int: images are compared with those of the same placement, in which the light falls alike.
+    """
+    images, pixel = _packed(views, grey), surface.hull.pixel
+    vertices, cloud = surface.vertices, surface.cloud
+    held = np.zeros(len(vertices), bool)
+    held[surface.faces[surface.inferred]] = True
+    for _ in range(ROUNDS):
+        place, offset = offsets((vertices, surface.faces), views, images, placement, pixel)
+        if not len(place):
+            break
+        along = _over_all(vertices, surface.faces, place, offset, held)
+        normal = vertex_normals(vertices, surface.faces)
+        cloud = _carried(cloud, vertices, along[:, None] * normal)
+        vertices = vertices + along[:, None] * normal
+    before, after = (agreement(v, surface.faces, views, masks) for v in (surface.vertices, vertices))
+    if not np.nanmean(after) >= np.nanmean(before):
+        return surface
+    return replace(surface, vertices=vertices, cloud=cloud)
+
+
+def offsets(
+    mesh: tuple[np.ndarray, np.ndarray], views: Views, images: _Images, placement: np.ndarray, pixel: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (k,) int, and how far outward the surface should move there (k,) [world units].
+
+    Args:
+        mesh: vertices (v, 3), faces (f, 3); pixel: of an image at the object [world units].
+    """
+    chosen = _spread_out(mesh[0], APART * pixel)
+    windows, whole = _windows(mesh, chosen, pixel)
+    kept = np.flatnonzero(whole)
+    kept = kept[np.linspace(0, len(kept) - 1, min(len(kept), MOST_PLACES)).astype(int)]
+    windows, chosen = _Windows(*(a[kept] for a in windows)), chosen[kept]
+    view, start = _seen(mesh, windows, views, images, pixel)
+    along = np.linspace(-FARTHEST, FARTHEST, STEPS)
+    curves = np.zeros((len(chosen), 2, STEPS))
+    _agreement(images, windows, view, start, placement, pixel, along, curves)
+    known = np.isfinite(curves).all(axis=(1, 2))
+    if np.count_nonzero(known) < LEAST_NEIGHBOURS:
+        return np.zeros(0, int), np.zeros(0)
+    chosen, curves = chosen[known], curves[known]
+    feature = np.column_stack([windows.place[known] / pixel, SPREAD * windows.normal[known]])
+    smooth = _averaging(feature, SPREAD) @ curves.reshape(len(curves), -1)
+    halves = smooth.reshape(curves.shape)
+    first, second, both = (_highest(c, along) for c in (halves[:, 0], halves[:, 1], halves.mean(axis=1)))
+    told = np.isfinite(first) & np.isfinite(second) & np.isfinite(both)
+    first, second, both, feature = first[told], second[told], both[told], feature[told]
+    wide = _averaging(feature, COMMON * SPREAD)
+    common, size = wide @ (first * second), wide @ (0.5 * (first**2 + second**2))
+    share = np.clip(common / np.maximum(size, 1e-12), 0.0, 1.0)
+    return chosen[told], 2 * share / (1 + share) * both * pixel
+
+
+def _packed(views: Views, grey: list[np.ndarray]) -> _Images:
+    size = np.array([g.size for g in grey])
+    shape = np.array([(a, *g.shape) for a, g in zip(np.cumsum(size) - size, grey, strict=True)], np.int64)
+    K = np.asarray(views.K)
+    intrinsics = np.stack([K[:, 0, 0], K[:, 1, 1], K[:, 0, 2], K[:, 1, 2]], axis=1)
+    camera = np.concatenate([intrinsics, views.R.reshape(-1, 9), views.t], axis=1)
+    return _Images(np.concatenate([g.ravel() for g in grey]).astype(np.float32), shape, camera)
+
+
+def _spread_out(vertices: np.ndarray, apart: float) -> np.ndarray:
+    """Vertices (k,) int, one of each cell of a grid, at most MOST_TRIED."""
+    while True:
+        cell = np.floor((vertices - vertices.min(axis=0)) / apart).astype(np.int64)
+        chosen = np.asarray(np.unique(cell, axis=0, return_index=True)[1])
+        if len(chosen) <= MOST_TRIED:
+            return chosen
+        apart *= np.sqrt(1.05 * len(chosen) / MOST_TRIED)
+
+
+def _windows(mesh: tuple[np.ndarray, np.ndarray], chosen: np.ndarray, pixel: float) -> tuple[_Windows, np.ndarray]:
+    """Windows about the chosen vertices, bent as the surface about them, and (n,) bool, whether all of them is surface."""
+    from scipy.spatial import cKDTree
+
+    vertices, normals = mesh[0], vertex_normals(*mesh)
+    about = max(ABOUT, EDGES * _edge(*mesh) / pixel)
+    place, normal = vertices[chosen], normals[chosen]
+    near, index = cKDTree(vertices).query(place, NEIGHBOURS, distance_upper_bound=about * pixel)
+    index = np.minimum(index, len(vertices) - 1)
+    use = np.isfinite(near) & (np.einsum("nki,ni->nk", normals[index], normal) > 0.3)
+    weight = use * _areas(mesh)[index]
+    normal = np.einsum("nk,nki->ni", weight, normals[index]) + 1e-9 * normal
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    across = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal), axis=1)])
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    down = np.cross(normal, across)
+    away = (vertices[index] - place[:, None]) / pixel
+    u, v, h = (np.einsum("nki,ni->nk", away, axis) for axis in (across, down, normal))
+    terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)
+    system = np.einsum("nk,nka,nkb->nab", weight, terms, terms)
+    trace = np.trace(system, axis1=1, axis2=2)[:, None, None]
+    right = np.einsum("nk,nka,nk->na", weight, terms, h)
+    bend = np.linalg.solve(system + 1e-9 * (trace + 1e-300) * np.eye(6), right[..., None])[..., 0]
+    total = np.maximum(weight.sum(axis=1), 1e-300)
+    flat = np.stack([u, v], axis=-1)
+    aside = np.einsum("nk,nka->na", weight, flat) / total[:, None]
+    spread = np.einsum("nk,nka,nkb->nab", weight, flat, flat) / total[:, None, None]
+    narrow = np.sqrt(np.maximum(np.linalg.eigvalsh(spread - aside[:, :, None] * aside[:, None])[:, 0], 0.0))
+    whole = (use.sum(axis=1) >= LEAST_NEIGHBOURS) & (narrow > LEAST_WIDTH * about)
+    whole &= np.linalg.norm(aside, axis=1) < MOST_ASIDE * about
+    return _Windows(place, normal, across, down, np.ascontiguousarray(bend[:, 1:])), whole
+
+
+def _edge(vertices: np.ndarray, faces: np.ndarray) -> float:
+    """Median length of an edge."""
+    return float(np.median(np.linalg.norm(vertices[faces[:, 1]] - vertices[faces[:, 0]], axis=1)))
+
+
+def _areas(mesh: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """(v,) area about each vertex."""
+    from massprops.mass.integrals import face_areas
+
+    vertices, faces = mesh
+    return np.bincount(faces.ravel(), np.repeat(face_areas(vertices, faces), 3), len(vertices))
+
+
+def _seen(
+    mesh: tuple[np.ndarray, np.ndarray], windows: _Windows, views: Views, images: _Images, pixel: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Which images show each window whole: view (m,), those of window i at [start[i], start[i + 1])."""
+    shown = np.zeros((len(windows.place), len(views)), bool)
+    margin = RADIUS + FARTHEST + 2
+    for i, centre in enumerate(views.centres):
+        rows, columns = images.shape[i, 1:].tolist()
+        depth = rasterise(*mesh, views.K[i], views.R[i], views.t[i], (columns, rows))[0]
+        sight = centre - windows.place
+        facing = np.einsum("ni,ni->n", sight, windows.normal) > LEAST_FACING * np.linalg.norm(sight, axis=1)
+        camera = windows.place @ views.R[i].T + views.t[i]
+        z = np.where(camera[:, 2] > 1e-9, camera[:, 2], 1.0)
+        u, v = ((camera[:, k] / z * views.K[i][k, k] + views.K[i][k, 2]) for k in (0, 1))
+        inside = (
+            (camera[:, 2] > 1e-9) & (u > margin) & (v > margin) & (u < columns - 1 - margin) & (v < rows - 1 - margin)
+        )
+        at = np.flatnonzero(facing & inside)
+        near = depth[np.rint(v[at]).astype(int), np.rint(u[at]).astype(int)]
+        shown[at, i] = camera[at, 2] < near + HIDDEN * pixel
+    return np.nonzero(shown)[1], np.concatenate([[0], np.cumsum(shown.sum(axis=1))])
+
+
+@njit(cache=True, error_model="numpy")
+def _agreement(
+    images: _Images,
+    windows: _Windows,
+    view: Array,
+    start: Array,
+    placement: Array,
+    pixel: float,
+    along: Array,
+    curves: Array,
+) -> None:
+    """Writes of each window and half of the images (n, 2, s) the mean correlation of pairs of them with the window moved `along`
+    its normal [px]; not a number where too few show it."""
+    side = 2 * RADIUS + 1
+    samples = side * side
+    groups = placement.max() + 1
+    total, value = np.empty((groups, samples)), np.empty(samples)
+    for n in range(len(windows.place)):
+        for half in range(2):
+            count = (start[n + 1] - start[n] + 1 - half) // 2
+            if count < LEAST_VIEWS:
+                curves[n, half] = np.nan
+                continue
+            taken = min(count, MOST_VIEWS)
+            for s in range(len(along)):
+                total[:] = 0.0
+                pairs, own = 0.0, 0.0
+                members = np.zeros(groups)
+                for k in range(taken):
+                    i = view[start[n] + half + 2 * (k * count // taken)]
+                    if not _window(images, windows, n, i, pixel, along[s], value):
+                        continue
+                    members[placement[i]] += 1.0
+                    for j in range(samples):
+                        total[placement[i], j] += value[j]
+                        own += value[j] * value[j]
+                both = -own
+                for g in range(groups):
+                    pairs += members[g] * (members[g] - 1.0)
+                    for j in range(samples):
+                        both += total[g, j] * total[g, j]
+                curves[n, half, s] = both / (pairs * samples) if pairs >= LEAST_VIEWS * (LEAST_VIEWS - 1) else np.nan
+
+
+@njit(inline="always", error_model="numpy")
+def _window(images: _Images, windows: _Windows, n: int, i: int, pixel: float, along: float, value: Array) -> bool:
+    """Writes what image i shows of the n-th window, with mean 0 and variance at most 1; False where it leaves the image."""
+    first, rows, columns = images.shape[i]
+    c = images.camera[i]
+    bend = windows.bend[n]
+    k, s1, s2 = 0, 0.0, 0.0
+    for a in range(-RADIUS, RADIUS + 1):
+        for b in range(-RADIUS, RADIUS + 1):
+            h = along + bend[0] * a + bend[1] * b + bend[2] * a * a + bend[3] * a * b + bend[4] * b * b
+            x = windows.place[n, 0] + pixel * (
+                a * windows.across[n, 0] + b * windows.down[n, 0] + h * windows.normal[n, 0]
+            )
+            y = windows.place[n, 1] + pixel * (
+                a * windows.across[n, 1] + b * windows.down[n, 1] + h * windows.normal[n, 1]
+            )
+            z = windows.place[n, 2] + pixel * (
+                a * windows.across[n, 2] + b * windows.down[n, 2] + h * windows.normal[n, 2]
+            )
+            depth = c[10] * x + c[11] * y + c[12] * z + c[15]
+            if depth <= 0.0:
+                return False
+            u = c[0] * (c[4] * x + c[5] * y + c[6] * z + c[13]) / depth + c[2]
+            v = c[1] * (c[7] * x + c[8] * y + c[9] * z + c[14]) / depth + c[3]
+            if not (u >= 0.0 and v >= 0.0 and u < columns - 1 and v < rows - 1):
+                return False
+            p, q = int(u), int(v)
+            fu, fv = u - p, v - q
+            at = first + q * columns + p
+            top = images.grey[at] + fu * (images.grey[at + 1] - images.grey[at])
+            low = images.grey[at + columns] + fu * (images.grey[at + columns + 1] - images.grey[at + columns])
+            value[k] = top + fv * (low - top)
+            s1 += value[k]
+            s2 += value[k] * value[k]
+            k += 1
+    mean = s1 / k
+    scale = 1.0 / np.sqrt(max(s2 / k - mean * mean, 0.0) + NOISE * NOISE)
+    for j in range(k):
+        value[j] = (value[j] - mean) * scale
+    return True
+
+
+def _averaging(feature: np.ndarray, sigma: float) -> csr_matrix:
+    """Sparse (n, n) matrix of means with normal weights over neighbours in a space of features (n, 6)."""
+    from scipy.sparse import csr_matrix
+    from scipy.spatial import cKDTree
+
+    near, index = cKDTree(feature).query(feature, min(MOST_AVERAGED, len(feature)), distance_upper_bound=2.5 * sigma)
+    weight = np.exp(-0.5 * (near / sigma) ** 2)
+    weight /= weight.sum(axis=1, keepdims=True)
+    rows = np.repeat(np.arange(len(feature)), near.shape[1])
+    index = np.where(np.isfinite(near), index, 0)
+    return csr_matrix((weight.ravel(), (rows, index.ravel())), shape=(len(feature),) * 2)
+
+
+def _highest(curves: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """(n,) where each of the curves (n, s) is highest, by a parabola through three places; not a number at either end."""
+    top = np.argmax(curves, axis=1)
+    inside = (top > 0) & (top < len(along) - 1)
+    k, n = np.clip(top, 1, len(along) - 2), np.arange(len(curves))
+    left, middle, right = curves[n, k - 1], curves[n, k], curves[n, k + 1]
+    bow = np.maximum(2 * middle - left - right, 1e-12)
+    return np.where(inside, along[k] + 0.5 * (along[1] - along[0]) * (right - left) / bow, np.nan)
+
+
+def _over_all(
+    vertices: np.ndarray, faces: np.ndarray, place: np.ndarray, offset: np.ndarray, held: np.ndarray
+) -> np.ndarray:
+    """(v,) offsets of all vertices, from those known at some of them, and none where `held` (v,): as a film over these,
+    which nowhere goes beyond them."""
+    from scipy.sparse import diags, identity
+    from scipy.sparse.linalg import spsolve
+
+    size = len(vertices)
+    weight, right = np.full(size, STAY * len(place) / size), np.zeros(size)
+    weight[place], right[place] = SURE, SURE * offset
+    weight[held], right[held] = HELD, 0.0
+    return np.asarray(spsolve((identity(size) - mean_matrix(faces, size) + diags(weight)).tocsc(), right))
+
+
+def _carried(cloud: Cloud, vertices: np.ndarray, shift: np.ndarray) -> Cloud:
+    """The points, each moved as the nearest vertex is by `shift` (v, 3)."""
+    from scipy.spatial import cKDTree
+
+    return replace(cloud, xyz=cloud.xyz + shift[cKDTree(vertices).query(cloud.xyz)[1]])
