@@ -56,9 +56,9 @@ MOST_AVERAGED = 256
 """Places that are averaged, at most."""
 COMMON = 2.0
 """How much wider the surface is over which the halves are compared."""
-SURE, STAY = 0.3, 0.1
+SURE, STAY = 0.3, 0.05
 """What a place's own move counts, and all vertices' staying over the places among them, over the difference from the mean of the neighbours.
-Where every tenth vertex is one a move fades in five edges."""
+Where every tenth vertex is one a move fades in seven edges."""
 HELD = 1e6
 """The same of what must not move."""
 
