@@ -17,7 +17,8 @@ from massprops.dense.noise import denoised
 from massprops.dense.patchmatch import UNIQUE
 from massprops.dense.select import Sparse, seen_points, select_views
 from massprops.errors import NotPossible
-from massprops.geometry.projection import facing_points, project
+from massprops.geometry.facing import facing_points
+from massprops.geometry.projection import project
 from massprops.views import Views
 
 MOST_PIXELS = 40_000

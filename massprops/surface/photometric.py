@@ -63,6 +63,11 @@ HELD = 1e6
 """The same of what must not move."""
 
 
+WORSE = 2.0
+"""Standard errors of the mean over the images by which the overlap may fall. Of a chair, a padlock and a shoe, whose volumes came out worse, it
+fell by 12, 12 and 2.7; of a bottle whose volume went from -3.1 to -1.3 % by 1.6; of three things it rose by 1.4 to 11."""
+
+
 class _Images(NamedTuple):
     """All images as the kernel takes them: grey, one after the other; (n, 3) first pixel, rows, columns; (n, 16) fu fv cu cv, the
     rotation row by row, the translation."""
@@ -88,7 +93,8 @@ def moved_to_images(
 ) -> Surface:
     """The surface with its cloud, moved to where the images agree best; what is closed at the support stays.
 
-    Outlines have no part in that, and so they judge it: where the silhouettes then overlap less, the surface stays as it was.
+    Outlines have no part in that, and so they judge it: where silhouettes then overlap less, by more than images differ, the surface stays
+    as it was.
 
     Args:
         views: n cameras; grey: n undistorted images (h, w); masks: n undistorted silhouettes (h, w), 255 object, 0 sky.
@@ -107,7 +113,8 @@ def moved_to_images(
         cloud = _carried(cloud, vertices, along[:, None] * normal)
         vertices = vertices + along[:, None] * normal
     before, after = (agreement(v, surface.faces, views, masks) for v in (surface.vertices, vertices))
-    if not np.nanmean(after) >= np.nanmean(before):
+    gain = (after - before)[np.isfinite(after - before)]
+    if gain.mean() < -WORSE * gain.std() / np.sqrt(len(gain)):
         return surface
     return replace(surface, vertices=vertices, cloud=cloud)
 

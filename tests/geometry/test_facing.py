@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from massprops.geometry.projection import facing_points, project
+from massprops.geometry.facing import facing_points
+from massprops.geometry.projection import project
 
 
 def test_points_that_look_at_the_camera_are_projected_in_their_order():
