@@ -15,7 +15,7 @@ from massprops.surface.error_modes import hidden_depth
 from massprops.surface.outer import outer_integrals
 from massprops.surface.outline_cloud import ball_of_outlines, consistent, surface_of_outlines, with_margins
 from massprops.surface.silhouette import make_hull
-from massprops.surface.spread import Doubts, replicates
+from massprops.surface.spread import FOOT_PIXELS, Doubts, replicates
 from massprops.views import Views
 
 SIZE = (160, 120)
@@ -121,3 +121,14 @@ def test_a_hull_tells_how_many_views_contradict_what_was_measured() -> None:
     R[::3] = R[::3] @ turn
     moved = replace(views, R=R, t=t)
     assert 0.2 < make_hull(moved, masks, points).sparing(points).outside_share <= 0.35
+
+
+def test_an_end_on_the_support_may_reach_beyond_the_body() -> None:
+    views, masks = outlines(ball())
+    middle, radius = ball_of_outlines(views, masks)
+    surface = surface_of_outlines(views, masks, middle, 1.4 * radius)
+    low = surface.vertices[surface.faces][:, :, 0].min(axis=1) < surface.vertices[:, 0].min() + 0.1
+    standing = replace(surface, inferred=low)
+    free, foot = (replicates(s, len(views), Doubts())[1] for s in (surface, standing))
+    shorter = (free.mean() - foot.mean()) / surface.hull.pixel
+    assert 0.7 * FOOT_PIXELS < shorter < 0.9 * FOOT_PIXELS
