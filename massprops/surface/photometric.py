@@ -61,8 +61,6 @@ SURE, STAY = 0.3, 0.05
 Where every tenth vertex is one a move fades in seven edges."""
 HELD = 1e6
 """The same of what must not move."""
-
-
 WORSE = 2.0
 """Standard errors of the mean over the images by which the overlap may fall. Of a chair, a padlock and a shoe, whose volumes came out worse, it
 fell by 12, 12 and 2.7; of a bottle whose volume went from -3.1 to -1.3 % by 1.6; of three things it rose by 1.4 to 11."""
@@ -105,7 +103,8 @@ def moved_to_images(
     held = np.zeros(len(vertices), bool)
     held[surface.faces[surface.inferred]] = True
     for _ in range(ROUNDS):
-        place, offset = offsets((vertices, surface.faces), views, images, placement, pixel)
+        may = _off_support(vertices, surface.hull.support, pixel)
+        place, offset = offsets((vertices, surface.faces), may, views, images, placement, pixel)
         if not len(place):
             break
         along = _over_all(vertices, surface.faces, place, offset, held)
@@ -120,14 +119,19 @@ def moved_to_images(
 
 
 def offsets(
-    mesh: tuple[np.ndarray, np.ndarray], views: Views, images: _Images, placement: np.ndarray, pixel: float
+    mesh: tuple[np.ndarray, np.ndarray],
+    may: np.ndarray,
+    views: Views,
+    images: _Images,
+    placement: np.ndarray,
+    pixel: float,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (k,) int, and how far outward the surface should move there (k,) [world units].
 
     Args:
-        mesh: vertices (v, 3), faces (f, 3); pixel: of an image at the object [world units].
+        mesh: vertices (v, 3), faces (f, 3); may: (v,) bool, where that is asked; pixel: of an image at the object [world units].
     """
-    chosen = _spread_out(mesh[0], APART * pixel)
+    chosen = np.flatnonzero(may)[_spread_out(mesh[0][may], APART * pixel)]
     windows, whole = _windows(mesh, chosen, pixel)
     kept = np.flatnonzero(whole)
     kept = kept[np.linspace(0, len(kept) - 1, min(len(kept), MOST_PLACES)).astype(int)]
@@ -152,6 +156,13 @@ def offsets(
     return chosen[told], 2 * share / (1 + share) * both * pixel
 
 
+def _off_support(vertices: np.ndarray, support: np.ndarray | None, pixel: float) -> np.ndarray:
+    """(v,) bool: vertices about which no window reaches the support, which agrees with itself: the foot would move out along it."""
+    if support is None:
+        return np.ones(len(vertices), bool)
+    return np.asarray(vertices @ support[:3] + support[3] > (RADIUS + FARTHEST) * pixel)
+
+
 def _packed(views: Views, grey: list[np.ndarray]) -> _Images:
     size = np.array([g.size for g in grey])
     shape = np.array([(a, *g.shape) for a, g in zip(np.cumsum(size) - size, grey, strict=True)], np.int64)
@@ -163,12 +174,13 @@ def _packed(views: Views, grey: list[np.ndarray]) -> _Images:
 
 def _spread_out(vertices: np.ndarray, apart: float) -> np.ndarray:
     """Vertices (k,) int, one of each cell of a grid, at most MOST_TRIED."""
-    while True:
+    while len(vertices):
         cell = np.floor((vertices - vertices.min(axis=0)) / apart).astype(np.int64)
         chosen = np.asarray(np.unique(cell, axis=0, return_index=True)[1])
         if len(chosen) <= MOST_TRIED:
             return chosen
         apart *= np.sqrt(1.05 * len(chosen) / MOST_TRIED)
+    return np.zeros(0, int)
 
 
 def _windows(mesh: tuple[np.ndarray, np.ndarray], chosen: np.ndarray, pixel: float) -> tuple[_Windows, np.ndarray]:

@@ -52,7 +52,7 @@ def too_deep() -> Surface:
     cloud = Cloud(
         vertices, normal, np.full(len(vertices), PIXEL), np.arange(len(vertices) + 1), np.zeros(len(vertices), int)
     )
-    return Surface(vertices, faces, every, ~every, cast(Hull, SimpleNamespace(pixel=PIXEL)), cloud, 0.03)
+    return Surface(vertices, faces, every, ~every, cast(Hull, SimpleNamespace(pixel=PIXEL, support=None)), cloud, 0.03)
 
 
 def depth_of(vertices: np.ndarray) -> np.ndarray:
