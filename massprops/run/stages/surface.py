@@ -113,12 +113,12 @@ def run(job: Job) -> dict[str, Any]:
     moving = free or bool(footage["masks_given"])
     balance = _balance(views, cloud, footage) if grey and len(cloud) else None
     surface, masks = _surface(job, (views, masks, grey), (cloud, table), place, moving, balance)
-    if footage["motion"] == "static":
-        surface = _by_images(job, surface, views, masks, place)
+    # what turns in the light changes on every side from view to view
+    shown = [] if free else _grey(job, views)
+    surface = _by_images(surface, views, shown, masks, place) if footage["motion"] == "static" else surface
     _draw_silhouettes_again(job, surface, views, masks, moving)
     lost = _lost(surface)
-    # what turns in the light changes on every side from view to view
-    surface, holes = (surface, NO_HOLES) if free else _opened(surface, views, _grey(job, views))
+    surface, holes = _opened(surface, views, shown) if shown else (surface, NO_HOLES)
     gaps = _outline_gaps(surface, views, masks, free)
     doubts = Doubts(_focal_sigma(job), gaps, free, balance is not None and surface.fill is not None, _joints(place))
     rows, lengths = by_shape = replicates(surface, len(views), doubts, seed=job.seed)
@@ -185,8 +185,10 @@ def _lost(surface: Surface) -> float:
     return lost
 
 
-def _by_images(job: Job, surface: Surface, views: Views, masks: list[np.ndarray], place: dict[str, Any]) -> Surface:
-    """The surface of a still object, moved to where its images agree best; `place` is `join.json`."""
+def _by_images(
+    surface: Surface, views: Views, grey: list[np.ndarray], masks: list[np.ndarray], place: dict[str, Any]
+) -> Surface:
+    """The surface of a still object, moved to where its images agree best; grey: undistorted images (h, w); `place` is `join.json`."""
     from massprops.surface.photometric import moved_to_images
 
     if not surface.observed.any():
@@ -194,7 +196,7 @@ def _by_images(job: Job, surface: Surface, views: Views, masks: list[np.ndarray]
     placement = np.zeros(len(views), np.int64)
     for number, joint in enumerate(_joints(place), start=1):
         placement[joint.first : joint.last + 1] = number
-    return moved_to_images(surface, views, _grey(job, views), masks, placement)
+    return moved_to_images(surface, views, grey, masks, placement)
 
 
 def _draw_silhouettes_again(job: Job, surface: Surface, views: Views, masks: list[np.ndarray], moving: bool) -> None:
