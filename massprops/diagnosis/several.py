@@ -25,17 +25,10 @@ ONE_RECORD = "a law (--discover) and a simulator (--simulator) are looked for in
 
 
 @dataclass(frozen=True, kw_only=True)
-class CommonEffect:
-    """An effect tried in all records: its name, log evidence over the free body's of all records together, what they share, the
-    candidate of each record, and by how much their evidences together rise or fall by sharing it. What counts, and what is shared, are
-    as `Candidate` has them: not always of one fit. apart: the body's numbers that each record has of its own, as they differ."""
+class _OfAll:
+    """Something of which records share what is `common`."""
 
-    name: str
-    evidence: float
     common: Common
-    candidates: tuple[Candidate, ...]
-    agreement: float
-    apart: tuple[Shared, ...] = ()
 
     @cached_property
     def shared(self) -> list[Shared]:
@@ -49,7 +42,20 @@ class CommonEffect:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Together:
+class CommonEffect(_OfAll):
+    """An effect tried in all records: its name, log evidence over the free body's of all records together, what they share, the
+    candidate of each record, and by how much their evidences together rise or fall by sharing it. What counts, and what is shared, are
+    as `Candidate` has them: not always of one fit. apart: the body's numbers that each record has of its own, as they differ."""
+
+    name: str
+    evidence: float
+    candidates: tuple[Candidate, ...]
+    agreement: float
+    apart: tuple[Shared, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Together(_OfAll):
     """What several records say together: verdict as of one record, effects named, every effect tried, the most likely
     first, what is common under the verdict, and by how much the records' evidences rise or fall by sharing it. split: where nothing
     explains them all, the effect that explains each by itself, or None."""
@@ -57,19 +63,8 @@ class Together:
     verdict: str
     named: tuple[CommonEffect, ...]
     tried: tuple[CommonEffect, ...]
-    common: Common
     agreement: float
     split: CommonEffect | None = None
-
-    @cached_property
-    def shared(self) -> list[Shared]:
-        """What each record tells of the numbers that they share under the verdict."""
-        return shared_numbers(self.common)
-
-    @cached_property
-    def stretch(self) -> float:
-        """Factor on the common sigmas by which the records scatter."""
-        return stretch(self.common)
 
 
 def agreement(common: Common, fits: list[HypothesisFit]) -> float:
