@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from massprops.diagnosis import criteria
-from massprops.diagnosis.document import BLIND, document_of_selection, model_of_selection
+from massprops.diagnosis.document import blind_reason, document_of_selection, model_of_selection
 from massprops.diagnosis.hypothesis_fit import torque_sd
 from massprops.diagnosis.measured_beside import effects_beside, of_one_wheel
 from massprops.diagnosis.motion_path import LARGEST_STEP, MOST_POINTS
@@ -86,7 +86,7 @@ def _diagnosed(sequence: Sequence, progress: Callable[[str, int, int], None]) ->
         warnings.append(f"imu0 states no noise: {_noise(found):.3g} rad/s estimated, which no smooth torque can follow")
     document = document_of_selection(found, warnings)
     if blind:
-        document["reason"] = _blind(turn)
+        document["reason"] = blind_reason(turn)
     if lever is not None:
         document["lever"] = {"sensor_from_centre_of_mass_m": lever.r, "sigma": lever.sigma, "left_m_s2": lever.left}
     return BalanceDiagnosis(document=document, model=model_of_selection(found), record=record, selection=found)
@@ -101,7 +101,7 @@ def _without_effects(record: Record, turn: float) -> Selection:
     try:
         return rigid_body_alone(record)
     except NotPossible:
-        raise NotPossible(_blind(turn)) from None
+        raise NotPossible(blind_reason(turn)) from None
 
 
 def diagnose_several(
@@ -147,13 +147,6 @@ def _record(sequence: Sequence) -> Record:
         assert sequence.rates is not None
         return record_of_rates(sequence.rates, sequence.first_ns)
     return record_of_attitudes(sequence.attitude, sequence.environment, sequence.rates, sequence.first_ns)
-
-
-def _blind(turn: float) -> str:
-    return (
-        f"{BLIND}: the body turns by {np.degrees(turn):.0f} deg only, too little to show whether an effect is "
-        "missing: give a longer record"
-    )
 
 
 def _noise(s: Selection) -> float:

@@ -90,6 +90,14 @@ BLIND = "not observable"
 """How the reason begins of a record that turns too little."""
 
 
+def blind_reason(turn: float) -> str:
+    """The reason where the body turns by no more than this [rad]."""
+    return (
+        f"{BLIND}: the body turns by {np.degrees(turn):.0f} deg only, too little to show whether an effect is "
+        "missing: give a longer record"
+    )
+
+
 def is_blind(document: dict[str, Any]) -> bool:
     """Whether a record turns too little to show whether an effect is missing, so that its verdict means nothing; of several
     records whether all do."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from massprops.core.outputs import Outputs, verify
 from massprops.diagnosis.criteria import SHOWN
-from massprops.diagnosis.document import BLIND
+from massprops.diagnosis.document import blind_reason
 from massprops.diagnosis.search.result import Diagnosis
 from massprops.dynamics.inertia import ratios
 from massprops.errors import InputError, NotPossible
@@ -316,10 +316,7 @@ def _blind(case: Case, base: Scored) -> str:
     """Why this record can show no missing effect at all; empty when it can."""
     turned = case.speed * case.span
     if turned < MOST_HIDDEN_TURN:
-        return (
-            f"{BLIND}: the body turns by {np.degrees(turned):.0f} deg only, too little to show whether an effect is "
-            "missing: give a longer record"
-        )
+        return blind_reason(turned)
     return ""
 
 
