@@ -10,12 +10,11 @@ import typer
 
 from massprops import diagnose
 from massprops.core.text import table
+from massprops.errors import NotPossible
 from massprops_cli.options import Force, Quiet, argument, as_json, defaults, option, takes
 from massprops_cli.terminal import say, warn
 
 D = defaults(diagnose)
-BLIND_STATUS = 3
-"""Exit code where the record turns too little for a verdict: what was computed is kept."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +92,7 @@ def _one(given: Options, source: Path) -> int:
         say(diagnosis_table(found.document))
         if out is not None:
             say(f"report: {out / 'report.html'}")
-    return BLIND_STATUS if is_blind(found.document) else 0
+    return NotPossible.exit_code if is_blind(found.document) else 0
 
 
 def _several(given: Options, sources: list[Path]) -> int:
@@ -129,7 +128,7 @@ def _several(given: Options, sources: list[Path]) -> int:
         for name, d in document["records"].items()
     ]
     say(json.dumps(plain(document)) if given.json_output else "\n".join(rows))
-    return BLIND_STATUS if is_blind(document) else 0
+    return NotPossible.exit_code if is_blind(document) else 0
 
 
 def diagnosis_table(document: dict[str, Any]) -> str:
