@@ -215,12 +215,12 @@ def within(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray, sheet: f
     """(k,) bool: points (k, 3) no farther than `sheet` from the faces."""
     from scipy.spatial import cKDTree
 
-    from massprops.surface.refine import face_normals
+    from massprops.surface.refine import edge_length, face_normals
 
     if not len(faces) or not len(points):
         return np.zeros(len(points), bool)
     middle, normal = vertices[faces].mean(1), face_normals(vertices, faces)
-    edge = float(np.median(np.linalg.norm(vertices[faces[:, 1]] - vertices[faces[:, 0]], axis=1)))
+    edge = edge_length(vertices, faces)
     # the middle of a ball is as far from all of its faces: which one is nearest takes long to tell, and mostly does not matter
     some = cKDTree(middle[:: max(1, len(faces) // FEW)])
     near = some.query(points, eps=ROUGHLY, distance_upper_bound=sheet)[0] < sheet

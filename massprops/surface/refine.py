@@ -24,6 +24,11 @@ def _area_vectors(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return np.cross(b - a, c - a)
 
 
+def edge_length(vertices: np.ndarray, faces: np.ndarray) -> float:
+    """Median length of the triangles' first edges."""
+    return float(np.median(np.linalg.norm(vertices[faces[:, 1]] - vertices[faces[:, 0]], axis=1)))
+
+
 def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """(v, 3) unit normals, mean of the faces' by area."""
     return unit(_around_vertices(vertices, faces))
