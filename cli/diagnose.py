@@ -102,6 +102,7 @@ def _several(given: Options, sources: list[Path]) -> int:
     from massprops.core.files import plain
     from massprops.diagnosis.diagnose import diagnose_several, write_several
     from massprops.diagnosis.document import is_blind
+    from massprops.diagnosis.several_document import turn_words
     from massprops.effect_file import with_effects
     from massprops.effects import effects
     from massprops.sequence.read import read_sequence
@@ -123,6 +124,7 @@ def _several(given: Options, sources: list[Path]) -> int:
             units = {q.name: q.unit for q in known[name].PARAMETERS} if name in known else {}
             rows += _parameter_rows(own, effect["sigma"][name], dict.fromkeys(own, "") | units)
     rows += [f"  {k}  {document[k]['value']:.4f} ± {document[k]['sigma']:.2g}" for k in ("k1", "k2")]
+    rows += [f"  axes of {t['record']}  turned by {turn_words(t)}" for t in document["turned"]]
     rows += [
         f"  {name}: {d['verdict']} {', '.join(e['name'] for e in d['effects'])}"
         for name, d in document["records"].items()

@@ -14,6 +14,9 @@ for all records, with its 1-sigma by the evidence's curvature.
 A wheel whose rate was measured has one moment of inertia: its momentum at a record's largest rate is that moment times that rate
 (`BODY_NUMBERS`), so c holds the moment. Of a fit whose sigmas allow for residuals that are alike in neighbours (`widened`) the rows
 count by as much less here as well.
+
+Where the axes of the sensors turn in those of the body from record to record, as a sensor slips or is mounted anew (`axes`), each record
+but the first has one more unknown, its small turn from the first one's, of a normal law of zero mean whose size is found by the same evidence.
 """
 
 from __future__ import annotations
@@ -24,7 +27,7 @@ import numpy as np
 
 from massprops.diagnosis.criteria import AXIS_SD
 from massprops.diagnosis.effect_columns import Term, term_of
-from massprops.diagnosis.hypothesis_fit import SMALL_STEP, Hypothesis, HypothesisFit, across, linearised
+from massprops.diagnosis.hypothesis_fit import AXES, SMALL_STEP, AxesTurn, Hypothesis, HypothesisFit, across, linearised
 from massprops.diagnosis.momentum_balance import INERTIA, inertia_of
 from massprops.errors import NotPossible
 
@@ -41,6 +44,9 @@ SIZES = 100
 """Steps of the search for the sizes of priors."""
 FIRST_STEP, STEP_SIGMAS, ROUNDS = 0.1, 2.0, 3
 """Of the logarithm of a scanned parameter, by which its evidence's slope and curvature are measured: at first, then over its sigma."""
+TURN_SD, LEAST_TURN_SD, MOST_TURN_SD = 0.03, 1e-4, 0.1
+"""1-sigma of the turn of a sensor's axes [rad]: at first, and its ends. The turn is linearised, and a larger one is another mounting of
+which it should be known."""
 WIDEST = np.log(3.0)
 """How far beyond the records' own values of a scanned parameter, in its logarithm, the common one is looked for."""
 
@@ -55,13 +61,27 @@ class Law:
 
 
 @dataclass(frozen=True, kw_only=True)
+class AxesTurns:
+    """Turns of the sensors' axes of n records from those of the first [rad]: at (n, 3), their 1-sigma (n, 3), and that of their law."""
+
+    at: np.ndarray
+    sigma: np.ndarray
+    sd: float
+
+    def of(self, k: int) -> AxesTurn | None:
+        """As the unknown of a record; the first has none."""
+        return AxesTurn(at=self.at[k], sd=self.sd) if k else None
+
+
+@dataclass(frozen=True, kw_only=True)
 class Common:
     """What several records say together.
 
     Attributes:
         shape: (5,) of the inertia, covariance: (5, 5), inertia: (3, 3) of trace 3; evidence: log marginal likelihood of all records.
         parameters, sigma: by effect and name, of the body's own. law: of all common unknowns; records: what each record says of them,
-            about the common point; names: (k,) effect and name of each unknown, ("", "") of what is no parameter.
+            about the common point; names: (k,) effect and name of each unknown, ("", "") of what is no parameter. turns: of the
+            sensors' axes, or None where these are the same in all records.
     """
 
     shape: np.ndarray
@@ -73,6 +93,7 @@ class Common:
     law: Law | None = None
     records: tuple[Law, ...] = ()
     names: tuple[tuple[str, str], ...] = ()
+    turns: AxesTurns | None = None
 
 
 def joined(laws: list[Law], alike: list[np.ndarray]) -> tuple[Law, float]:
@@ -111,17 +132,18 @@ def of_rows(precision: np.ndarray, sd: np.ndarray) -> np.ndarray:
     return np.asarray((vector * np.maximum(value - 1.0, 0.0)) @ vector.T / sd / sd[:, None])
 
 
-def common_of(fits: list[HypothesisFit]) -> Common:
-    """What fits of one hypothesis, each in a record of its own, say together.
+def common_of(fits: list[HypothesisFit], axes: bool = False) -> Common:
+    """What fits of one hypothesis, each in a record of its own, say together; axes: whether those of the sensors turn in the body
+    from record to record.
 
     Raises:
         NotPossible: no common body comes near the records.
     """
     scanned = _scanned(next((f for f in fits if of_body(f)), fits[0]))
     try:
-        return _at_best(fits, *scanned[0]) if len(scanned) == 1 else _at_rest(fits, {})
+        return _at_best(fits, *scanned[0], axes) if len(scanned) == 1 else _at_rest(fits, {}, axes)
     except NotPossible:
-        if any(f.names for f in fits):
+        if axes or any(f.names for f in fits):
             raise
     # a body without effects may be another one in each record: what each says about its own best
     laws = [_law(f, fits[0]) for f in fits]
@@ -139,14 +161,14 @@ def _scanned(fit: HypothesisFit) -> list[tuple[str, str]]:
     return [(t.name, n) for t in fit.hypothesis.terms for n in t.of_body if n not in t.unknowns and n in dict(t.held)]
 
 
-def _at_best(fits: list[HypothesisFit], name: str, parameter: str) -> Common:
+def _at_best(fits: list[HypothesisFit], name: str, parameter: str, axes: bool) -> Common:
     """At the best of a scanned parameter for all records, with what it leaves open."""
     from scipy.optimize import minimize_scalar
 
     held = np.log([dict(t.held)[parameter] for f in fits for t in f.hypothesis.terms if t.name == name])
 
     def at(x: float) -> Common:
-        return _at_rest(fits, {(name, parameter): float(np.exp(x))})
+        return _at_rest(fits, {(name, parameter): float(np.exp(x))}, axes)
 
     ends = (float(held.min() - WIDEST), float(held.max() + WIDEST))
     best = float(minimize_scalar(lambda x: -at(x).evidence, bounds=ends, method="bounded", options={"xatol": 0.01}).x)
@@ -166,7 +188,7 @@ def _at_best(fits: list[HypothesisFit], name: str, parameter: str) -> Common:
     )
 
 
-def _at_rest(fits: list[HypothesisFit], given: dict[tuple[str, str], float]) -> Common:
+def _at_rest(fits: list[HypothesisFit], given: dict[tuple[str, str], float], axes: bool) -> Common:
     """The common values about which the linearised records agree; given: values of scanned parameters."""
     own = [f for f in fits if f.axis is not None] or [f for f in fits if of_body(f)] or fits
     reference = min(own, key=lambda f: float(np.trace(f.posterior.covariance["base"][:INERTIA, :INERTIA])))
@@ -174,9 +196,12 @@ def _at_rest(fits: list[HypothesisFit], given: dict[tuple[str, str], float]) -> 
     shape, axis, body = reference.shape, reference.axis, reference.hypothesis.terms
     hypotheses = [_with(f.hypothesis, body, given) for f in fits]
     found, previous, before = None, -np.inf, -np.inf
-    for _ in range(PASSES):
+    none = np.zeros((len(fits), 3))
+    turns = AxesTurns(at=none, sigma=none, sd=TURN_SD) if axes else None
+    for _ in range(2 * PASSES if axes else PASSES):
         said = [
-            linearised(f, h, shape, None if f.axis is None else axis) for f, h in zip(fits, hypotheses, strict=True)
+            linearised(f, h, shape, None if f.axis is None else axis, None if turns is None else turns.of(k))
+            for k, (f, h) in enumerate(zip(fits, hypotheses, strict=True))
         ]
         first = said[at]
         try:
@@ -184,7 +209,8 @@ def _at_rest(fits: list[HypothesisFit], given: dict[tuple[str, str], float]) -> 
             law, gained = joined(laws, _alike(first))
             moved = [_moved(s, law, first) for s in said]
             evidence = gained + sum(s.evidence for s in said)
-            found = _common(first, law, laws, evidence)
+            turns = None if turns is None else _turned(said, law, first, turns)
+            found = replace(_common(first, law, laws, evidence), turns=turns)
         except np.linalg.LinAlgError:
             raise NotPossible("what the records say of one body does not go together") from None
         before, previous = previous, evidence
@@ -277,15 +303,44 @@ def _law(said: HypothesisFit, first: HypothesisFit) -> Law:
     return Law(mean=whole_mean, covariance=whole, sd=whole_sd)
 
 
+def _by_common(said: HypothesisFit, law: Law, first: HypothesisFit) -> np.ndarray:
+    """All of a record's unknowns as what is common has them."""
+    post, places, at = said.posterior, _places(said), _places_in_first(said, first)
+    mean = np.concatenate(list(post.mean.values()))
+    away = law.mean[at] * _factors(said) - mean[places]
+    return np.asarray(mean + post.joint[:, places] @ np.linalg.solve(post.joint[np.ix_(places, places)], away))
+
+
+def _places_in_first(said: HypothesisFit, first: HypothesisFit) -> list[int]:
+    """Which of the common unknowns a record has."""
+    keys = _keys(first)
+    return [keys.index(k) for k in _keys(said)]
+
+
+def _turned(said: list[HypothesisFit], law: Law, first: HypothesisFit, before: AxesTurns) -> AxesTurns:
+    """The turns of the sensors' axes as what is common has them, and the size of their law."""
+    at, sigma = before.at.copy(), before.sigma.copy()
+    for k, s in enumerate(said[1:], 1):
+        post, places = s.posterior, _places(s)
+        ends = np.cumsum([len(m) for m in post.mean.values()])
+        end = int(ends[list(post.mean).index(AXES)])
+        own = slice(end - 3, end)
+        at[k] = _by_common(s, law, first)[own]
+        answer = np.linalg.solve(post.joint[np.ix_(places, places)], post.joint[places, own]).T
+        common = _places_in_first(s, first)
+        shown = answer * _factors(s)
+        by_record = post.joint[own, own] - answer @ post.joint[places, own]
+        covariance = s.widened**2 * by_record + shown @ law.covariance[np.ix_(common, common)] @ shown.T
+        sigma[k] = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    sd = float(np.sqrt(np.mean(at[1:] ** 2 + sigma[1:] ** 2)))
+    return AxesTurns(at=at, sigma=sigma, sd=float(np.clip(sd, LEAST_TURN_SD, MOST_TURN_SD)))
+
+
 def _moved(said: HypothesisFit, law: Law, first: HypothesisFit) -> Hypothesis:
     """A record's hypothesis about values that what is common leads to, for effects that are not linear in theirs."""
     if said.hypothesis.linear:
         return said.hypothesis
-    post, places = said.posterior, _places(said)
-    mean = np.concatenate(list(post.mean.values()))
-    keys = _keys(first)
-    away = law.mean[[keys.index(k) for k in _keys(said)]] * _factors(said) - mean[places]
-    mean = mean + post.joint[:, places] @ np.linalg.solve(post.joint[np.ix_(places, places)], away)
+    mean, post = _by_common(said, law, first), said.posterior
     own = dict(zip(post.mean, np.split(mean, np.cumsum([len(m) for m in post.mean.values()])[:-1]), strict=True))
     return replace(said.hypothesis, terms=tuple(t.moved(own[t.name]) if t.moves else t for t in said.hypothesis.terms))
 

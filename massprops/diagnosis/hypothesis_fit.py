@@ -28,7 +28,8 @@ from massprops.diagnosis.momentum_balance import (
     shape_of,
     torque_forcing,
 )
-from massprops.diagnosis.record import Record, along, attitudes_of
+from massprops.diagnosis.record import Record, along, attitudes_of, in_turned_axes
+from massprops.dynamics.quaternion import from_rotation_vector, rotation_matrix
 from massprops.errors import NotPossible
 
 PASSES = 12
@@ -47,6 +48,8 @@ TORQUE_KNOTS = 40
 TORQUE_LENGTH = 0.05
 """Length of the latent torque over the record's. Longer ones let it stand for the slow part of a wheel's history: on the
 odd flights .25 and .1 found wheels a fifth smaller than .04 did, and .04 had the higher evidence or the same."""
+AXES = "sensors' axes"
+"""Name of the unknowns of their turn in the body."""
 WALK_STEPS = 10
 """In which the turn of a path by the noise of the rates that it is integrated from is drawn: a random walk."""
 DIRECTIONS = 150
@@ -157,10 +160,20 @@ class HypothesisFit:
 
 
 @dataclass(frozen=True, kw_only=True)
+class AxesTurn:
+    """How the axes of a record's sensors are turned in those of the body: about `at` (3,) [rad], by a law of zero mean and of 1-sigma
+    `sd` for each axis [rad]."""
+
+    at: np.ndarray
+    sd: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class _Guess:
     """Where a pass is linearised: see `HypothesisFit`.
 
     Attributes:
+        axes: turn of the sensors' axes, of which the record has been turned back by as much, or None where that is no unknown.
         sizes: by block, prior standard deviation that the pass before found for unknowns of one size; noise: (g,) its factors.
     """
 
@@ -172,6 +185,7 @@ class _Guess:
     history: np.ndarray | None
     sizes: dict[str, float] = field(default_factory=dict)
     noise: np.ndarray | None = None
+    axes: AxesTurn | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -305,14 +319,20 @@ def fit_hypothesis(record: Record, hypothesis: Hypothesis, start: Start, passes:
 
 
 def linearised(
-    found: HypothesisFit, hypothesis: Hypothesis, shape: np.ndarray, axis: np.ndarray | None
+    found: HypothesisFit,
+    hypothesis: Hypothesis,
+    shape: np.ndarray,
+    axis: np.ndarray | None,
+    axes: AxesTurn | None = None,
 ) -> HypothesisFit:
     """One pass along a fit's own path about another inertia's shape (5,), a wheel's axis (3,) and values that a hypothesis of the
-    same effects holds: what the record says of all that several records share, near where these are.
+    same effects holds: what the record says of all that several records share, near where these are. With `axes` the turn of the
+    sensors' is one more unknown, and the fit is told in the body's axes.
 
     Raises:
         NotPossible: no body comes near the record there.
     """
+    found = found if axes is None else _in_turned_axes(found, axes.at)
     path, sizes = (
         found.record.path,
         {b.name: float(found.posterior.sd[b.name][0]) for b in found.blocks if b.kind == "common"},
@@ -322,12 +342,21 @@ def linearised(
     guess = _Guess(
         shape=shape, rate=found.rate, momentum=carried, axis=axis, sizes=sizes, noise=found.noise,
         history=-found.history if other and found.history is not None else found.history,
-        start=np.mean(np.einsum("nij,nj->ni", path.R, carried), axis=0),
+        start=np.mean(np.einsum("nij,nj->ni", path.R, carried), axis=0), axes=axes,
     )  # fmt: skip
     try:
         return replace(_reached(_solved(found.record, hypothesis, guess), 1.0)[0], widened=found.widened)
     except (np.linalg.LinAlgError, FloatingPointError):
         raise NotPossible("the records have no body in common that comes near them") from None
+
+
+def _in_turned_axes(found: HypothesisFit, turn: np.ndarray) -> HypothesisFit:
+    """A fit's motion and body in axes of which the record's are turned by `turn` (3,) [rad]."""
+    C = rotation_matrix(from_rotation_vector(turn))
+    return replace(
+        found, record=in_turned_axes(found.record, turn), rate=found.rate @ C, carried=found.carried @ C,
+        inertia=C.T @ found.inertia @ C, axis=None if found.axis is None else found.axis @ C,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -513,8 +542,9 @@ def _linear_model(
     if not all(np.isfinite(b.columns).all() for b in blocks):
         raise FloatingPointError("the path that is predicted leaves all bounds")
     y = innovations((balance.rows.values - balance.constant(guess.start)).reshape(-1) * over, record, hypothesis.memory)
-    # the inertia's prior is about a ball, not about the present guess
-    return blocks, y + blocks[0].columns[:, :INERTIA] @ guess.shape
+    # the inertia's prior is about a ball, not about the present guess, and that of the sensors' axes about no turn
+    y = y + blocks[0].columns[:, :INERTIA] @ guess.shape
+    return blocks, y if guess.axes is None else y + next(b.columns for b in blocks if b.name == AXES) @ guess.axes.at
 
 
 def _rate_along(parts: list[Any], post: Posterior, balance: Balance, guess: _Guess) -> np.ndarray:
@@ -552,6 +582,8 @@ def _parts(
     if record.rows.rates or record.rows.gyroscope is not None:
         columns = balance.sensor()
         out.append(("gyroscope", None, columns, sensor_sd(columns.shape[2], hypothesis.scale), "fixed"))
+    if guess.axes is not None:
+        out.append((AXES, None, balance.axes(), guess.axes.sd, "fixed"))
     if record.walk > 0.0:
         steps = hats(path.t, np.linspace(path.t[0], path.t[-1], WALK_STEPS + 1))[:, ::-1].cumsum(axis=1)[:, -2::-1]
         walk_sd = np.sqrt(record.walk * path.span / WALK_STEPS)

@@ -236,6 +236,16 @@ class Balance:
         turn = -np.swapaxes(R, 1, 2) @ integral(self.path.t, R @ shown)
         return np.asarray((shown + self._answer @ turn)[self.rows.at])
 
+    def axes(self) -> np.ndarray:
+        """(all, 3, 3) rows of a small turn [rad] of the sensors' axes in the body: rates w are shown as w + turn x w, and attitudes as
+        much the other way. A path that was integrated from such rates is turned too."""
+        shown = -skew(self.rate)
+        if self.rows.rates:
+            return np.asarray((shown + self._answer)[self.rows.at])
+        own = np.broadcast_to(-np.eye(3), (len(self.rows.at), 3, 3))
+        beside = self.rows.gyroscope
+        return np.asarray(own if beside is None else np.concatenate([own, shown[beside.at]]))
+
     def turned(self, turn: np.ndarray) -> np.ndarray:
         """(all, 3, k) rows of rates along a path that is turned by (n, 3, k), inertial axes."""
         return np.asarray((self._answer @ np.swapaxes(self.path.R, 1, 2) @ turn)[self.rows.at])

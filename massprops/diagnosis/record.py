@@ -256,6 +256,20 @@ def along(record: Record, path: MotionPath, q: np.ndarray) -> Record:
     return moved
 
 
+def in_turned_axes(record: Record, turn: np.ndarray) -> Record:
+    """The record in body axes of which its own are turned by `turn` (3,) [rad]."""
+    from massprops.dynamics.quaternion import from_rotation_vector, multiply, rotation_matrix
+
+    by = from_rotation_vector(turn)
+    C = rotation_matrix(by)
+    path = replace(record.path, q=multiply(record.path.q, by), w=record.path.w @ C)
+    beside = record.rows.gyroscope
+    if beside is not None:
+        beside = replace(beside, measured=beside.measured @ C)
+    rows = replace(record.rows, measured=record.rows.measured @ C, gyroscope=beside)
+    return replace(record, path=path, rows=rows)
+
+
 def with_points(record: Record, more: np.ndarray) -> Record:
     """The record along the same path with points at further times (k,) [s], where something changes within a step."""
     old, rows = record.path, record.rows

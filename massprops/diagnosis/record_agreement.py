@@ -71,6 +71,8 @@ def shared_numbers(common: Common) -> list[Shared]:
     at = np.concatenate([ratios_of_moments(moments), np.zeros(3)])
     out = []
     for name, value, slope in zip(OF_INERTIA, at, slopes, strict=True):
+        if common.turns is not None and name.startswith("axis"):
+            continue  # each record's sensors have axes of their own
         values = np.array([value + slope @ (r.mean[:INERTIA] - common.shape) for r in records])
         sigma = np.sqrt([slope @ r.covariance[:INERTIA, :INERTIA] @ slope for r in records])
         told = sigma < (LARGEST_TURN_SD if name.startswith("axis") else np.inf)

@@ -57,13 +57,15 @@ class CommonEffect(_OfAll):
 @dataclass(frozen=True, kw_only=True)
 class Together(_OfAll):
     """What several records say together: verdict as of one record, effects named, every effect tried, the most likely
-    first, what is common under the verdict, and by how much the records' evidences rise or fall by sharing it. split: where nothing
-    explains them all, the effect that explains each by itself, or None."""
+    first, what is common under the verdict, and by how much the records' evidences rise or fall by sharing it. likeliest: log evidence
+    of all records under the likeliest that was tried; split: where nothing explains them all, the effect that explains each by itself, or
+    None."""
 
     verdict: str
     named: tuple[CommonEffect, ...]
     tried: tuple[CommonEffect, ...]
     agreement: float
+    likeliest: float = 0.0
     split: CommonEffect | None = None
 
 
@@ -73,31 +75,62 @@ def agreement(common: Common, fits: list[HypothesisFit]) -> float:
 
 
 def together(selections: list[Selection]) -> Together:
-    """The verdict of several records of one body, which share its inertia and its parameters.
+    """The verdict of several records of one body, which share its inertia and its parameters, and the axes of their sensors unless they
+    are likelier by far with these turned in the body from record to record.
+
+    Raises:
+        NotPossible: no body comes near all records.
+    """
+    tried = {key: own for key in _in_all(selections) if (own := _in_each(key, selections))}
+    same = _judged(selections, tried, axes=False)
+    try:
+        turned = _judged(selections, tried, axes=True)
+    except NotPossible:
+        return same
+    return turned if turned.likeliest > same.likeliest + criteria.TURNED else same
+
+
+def _judged(
+    selections: list[Selection], in_each: dict[tuple[str, bool], tuple[Candidate, ...]], axes: bool
+) -> Together:
+    """The verdict with one set of axes for all sensors, or with axes that turn.
 
     Raises:
         NotPossible: no body comes near all records.
     """
     bases, latents = [s.base for s in selections], [s.unknown for s in selections]
-    base, unknown = common_of(bases), common_of(latents)
+    base, unknown = _base(bases, axes), common_of(latents, axes)
     tried = []
-    for key in _in_all(selections):
+    for (name, _), own in in_each.items():
         with suppress(NotPossible):
-            tried.append(_common_effect(key[0], _in_each(key, selections), base))
+            tried.append(_common_effect(name, own, base, axes))
     tried.sort(key=lambda e: -e.evidence)
     latent = unknown.evidence - base.evidence
-    if max([latent, *(e.evidence for e in tried)]) < criteria.BEATS_NOTHING + np.log(1 + len(tried)):
-        return _found("none", (), tried, base, agreement(base, bases))
+    most = max([latent, *(e.evidence for e in tried)])
+    likeliest = base.evidence + max(most, 0.0)
+    if most < criteria.BEATS_NOTHING + np.log(1 + len(tried)):
+        return _found("none", (), tried, base, (agreement(base, bases), likeliest))
     good = [e for e in tried if e.evidence > latent + criteria.BEATS_UNKNOWN and _may_be_named(e, selections)]
     if not good:
-        found = _found("unexplained", (), tried, unknown, agreement(unknown, latents))
+        found = _found("unexplained", (), tried, unknown, (agreement(unknown, latents), likeliest))
         return replace(found, split=_split(tried, selections, latent - found.agreement))
     near = tuple(e for e in good if e.evidence > good[0].evidence - criteria.ALIKE)
     single = len({e.name for e in near}) == 1
     first = near[0]
     return _found(
-        "named" if single else "ambiguous", near[:1] if single else near, tried, first.common, first.agreement
+        "named" if single else "ambiguous",
+        near[:1] if single else near,
+        tried,
+        first.common,
+        (first.agreement, likeliest),
     )
+
+
+def _base(bases: list[HypothesisFit], axes: bool) -> Common:
+    """The free body in all records, with axes that turn where it comes to rest with them."""
+    with suppress(NotPossible):
+        return common_of(bases, axes)
+    return common_of(bases)
 
 
 def _split(tried: list[CommonEffect], selections: list[Selection], latent: float) -> CommonEffect | None:
@@ -111,25 +144,32 @@ def _split(tried: list[CommonEffect], selections: list[Selection], latent: float
 
 
 def _found(
-    verdict: str, named: tuple[CommonEffect, ...], tried: list[CommonEffect], common: Common, alike: float
+    verdict: str,
+    named: tuple[CommonEffect, ...],
+    tried: list[CommonEffect],
+    common: Common,
+    counts: tuple[float, float],
 ) -> Together:
-    return Together(verdict=verdict, named=named, tried=tuple(tried), common=common, agreement=alike)
+    """counts: by how much sharing raises the evidences, and the likeliest evidence."""
+    alike, likeliest = counts
+    return Together(
+        verdict=verdict, named=named, tried=tuple(tried), common=common, agreement=alike, likeliest=likeliest
+    )
 
 
 def _in_each(key: tuple[str, bool], selections: list[Selection]) -> tuple[Candidate, ...]:
     """An effect in each record. One that a free body explains had none tried: an effect of the body acts there too, another one
-    is idle.
-
-    Raises:
-        NotPossible: with the effect no body comes near such a record.
+    is idle. Nothing where no body comes near such a record with the effect.
     """
     own = [next((c for c in s.tried if _key(c) == key), None) for s in selections]
     known = next(c.best for c in own if c is not None)
-    return tuple(_candidate(c, s, known) for c, s in zip(own, selections, strict=True))
+    with suppress(NotPossible):
+        return tuple(_candidate(c, s, known) for c, s in zip(own, selections, strict=True))
+    return ()
 
 
-def _common_effect(name: str, own: tuple[Candidate, ...], base: Common) -> CommonEffect:
-    """An effect in all records, over their free body.
+def _common_effect(name: str, own: tuple[Candidate, ...], base: Common, axes: bool) -> CommonEffect:
+    """An effect in all records, over their free body; axes: whether those of the sensors turn.
 
     What is told of an effect may come from another fit than the one that counts, beside a torque that takes a part of it: there
     nothing that follows a measurement is shared. Elsewhere it is, as a wheel's moment, unless the records are likelier by far if each has its own.
@@ -140,12 +180,12 @@ def _common_effect(name: str, own: tuple[Candidate, ...], base: Common) -> Commo
     fits, told = [c.likeliest for c in own], [c.best for c in own]
     measured = any(follows_measured(t.effect) for f in fits for t in f.hypothesis.terms)
     alone = all(c.told is None for c in own)
-    counts = common_of([_apart(f) for f in fits]) if measured else common_of(fits)
-    common = counts if alone else common_of(told)
+    counts = common_of([_apart(f) for f in fits] if measured else fits, axes)
+    common = counts if alone else common_of(told, axes)
     differ = measured and alone
     if differ:
         with suppress(NotPossible):
-            one = common_of(fits)
+            one = common_of(fits, axes)
             if one.evidence > counts.evidence + criteria.DISAGREE:
                 counts, common, differ = one, one, False
     return CommonEffect(

@@ -33,6 +33,9 @@ def document_of_together(found: Together, names: list[str], documents: list[dict
             f"the records scatter more than chance has it: what is common has sigmas {found.stretch:.1f} times as large"
         )
     warnings += [_not_one(e.apart, e.name) for e in found.named if e.apart]
+    turned = _turned(found, names)
+    if turned:
+        warnings.append(_slipped(turned, names[0]))
     if found.agreement < criteria.DISAGREE:
         what = " and ".join(["one inertia", *sorted({f"one {n}" for e in found.named for n in e.common.parameters})])
         differ = ", ".join(n.words for n in found.shared if n.differs)
@@ -52,10 +55,35 @@ def document_of_together(found: Together, names: list[str], documents: list[dict
         "k1": {"value": value[0], "sigma": sigma[0]},
         "k2": {"value": value[1], "sigma": sigma[1]},
         "agreement": found.agreement,
+        "turned": turned,
         "shared": [_shared(n) for n in (*found.shared, *(n for e in found.named for n in e.apart))],
         "records": {n: d for n, d in zip(names, documents, strict=True)},
         "warnings": warnings,
     }
+
+
+def _turned(found: Together, names: list[str]) -> list[dict[str, Any]]:
+    """By how much the sensors' axes of each record are turned in the body from those of the first, where that was asked for."""
+    turns = found.common.turns
+    if turns is None:
+        return []
+    both = list(zip(names, turns.at, found.stretch * turns.sigma, strict=True))
+    return [{"record": n, "turn_rad": at.tolist(), "sigma": sd.tolist()} for n, at, sd in both[1:]]
+
+
+def turn_words(t: dict[str, Any]) -> str:
+    """An entry of `turned` in words."""
+    both = zip(np.degrees(t["turn_rad"]), np.degrees(t["sigma"]), strict=True)
+    return f"{', '.join(with_sigma(v, s, '.2f') for v, s in both)} deg about x, y, z"
+
+
+def _slipped(turned: list[dict[str, Any]], first: str) -> str:
+    """What is to be said of sensors' axes that are turned."""
+    most = max(float(np.linalg.norm(t["turn_rad"])) for t in turned)
+    return (
+        f"the sensor's axes turn in the body from record to record, by up to {np.degrees(most):.1f} deg from those in {first}, as of a "
+        f"sensor that slipped or was mounted anew: what is common is told in the axes of {first}"
+    )
 
 
 def _differs(n: Shared) -> str:

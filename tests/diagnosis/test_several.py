@@ -10,7 +10,7 @@ import pytest
 from diagnosis.pair_worlds import FIELD_T, PERIOD_S, SECONDS, Acting, World, _sequence, moved
 from diagnosis.test_momentum_balance import INERTIA, tumble
 
-from massprops.diagnosis import selection
+from massprops.diagnosis import criteria, selection
 from massprops.diagnosis.common_parameters import Common, Law, common_of, joined
 from massprops.diagnosis.criteria import SHAPE_SD
 from massprops.diagnosis.diagnose import diagnose_by_balance
@@ -277,7 +277,9 @@ def test_what_is_told_by_other_fits_than_count_does_not_part_the_records() -> No
 
 
 def test_one_effect_in_turned_axes_is_told_with_the_turn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A sensor that has slipped between two records: each shows the drag, together they have no inertia in common."""
+    """A sensor that has slipped between two records, where no turn is let in: each shows the drag, together they have no inertia in
+    common."""
+    monkeypatch.setattr(criteria, "TURNED", np.inf)
     usable = selection.usable_effects
     monkeypatch.setattr(
         selection, "usable_effects", lambda r: ([e for e in usable(r)[0] if e.NAME == "viscous-damping"], {})
