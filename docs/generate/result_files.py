@@ -85,6 +85,7 @@ RESULTS = {
         "corrected": "`k1`, `k2` and the rate, before and after",
         "axes": "the body axes of the numbers, in words",
         "shared": "only of several records: ratios, turns of the principal axes (`axis_turn_1` to `3`, rad, from the common ones) and the body's parameters as each record tells them (`values`, `sigma`, null where it does not), and the chance of values so far apart (`p_value`)",
+        "turned": "only of several records: where the sensors' axes turn in the body from record to record, the turn of each (`record`) from the first's: `turn_rad`, a rotation vector in body axes, and `sigma`; else empty. All that is common is then told in the first record's axes",
         "agreement": "only of several records: by how much their log evidence rises if they share a body",
         "records": "only of several records: the diagnosis of each by itself",
         "model": "the file with the model that includes the effects",

@@ -41,3 +41,17 @@ class EnvironmentFile:
         | None
     ) = None
     magnetic_field_T: Annotated[np.ndarray, Array("constant vector, inertial axes", "T", (3,), -1e3, 1e3)] | None = None
+    magnetic_dipole_T_m3: (
+        Annotated[
+            np.ndarray,
+            Array(
+                "dipole at the planet's centre in place of a constant field, inertial axes: the field at r is "
+                "(3 (d . r) r / r^2 - d) / r^3, of the Earth 7.8e15 to the south; needs `orbit`",
+                "T m^3",
+                (3,),
+                -1e30,
+                1e30,
+            ),
+        ]
+        | None
+    ) = None

@@ -121,14 +121,15 @@ def integrate(
     functions: Functions,
     places: tuple[np.ndarray, ...],
     environment_state: EnvironmentState,
-    position: np.ndarray,
+    along: np.ndarray,
 ) -> np.ndarray:
     """States (s + 1, ny) before and after each step by Runge and Kutta's fourth-order method.
 
     Args:
         y0: (ny,) state; start, size: (s,) [s]; six: inertia; p: (k,) parameters of all effects.
         functions: a tuple of functions for each name of `SIGNATURES`; places: for each, `_places` of those that act.
-        environment_state: what does not change of the surroundings; position: (s, 3, 3) of the planet at start, middle and end.
+        environment_state: what does not change of the surroundings; along: (s, 3, 6) position and field at start, middle
+            and end.
     """
     s, n = size.shape[0], y0.shape[0]
     out = np.empty((s + 1, n))
@@ -144,9 +145,9 @@ def integrate(
             for i in range(n):
                 z[i] = y[i] + reach * f[stage - 1, i] if stage else y[i]
             here = EnvironmentState(
-                (position[k, at, 0], position[k, at, 1], position[k, at, 2]),
+                (along[k, at, 0], along[k, at, 1], along[k, at, 2]),
                 environment_state.sun,
-                environment_state.field,
+                (along[k, at, 3], along[k, at, 4], along[k, at, 5]),
                 environment_state.mu,
             )
             _slope(t, z, six, p, functions, places, here, f[stage])
@@ -172,12 +173,14 @@ def integrated(
     """
     times = start[:, None] + np.array([0.0, 0.5, 1.0]) * size[:, None]
     environment_state = environment.state(times, active.orbiting)
-    position = np.stack([np.broadcast_to(x, times.shape) for x in environment_state.position], axis=-1)
+    parts = (*environment_state.position, *environment_state.field)
+    along = np.stack([np.broadcast_to(x, times.shape) for x in parts], axis=-1)
+    still = environment_state._replace(position=(0.0, 0.0, 0.0), field=(0.0, 0.0, 0.0))
     begin, length = np.ascontiguousarray(start, float), np.ascontiguousarray(size, float)
     run, every = _typed()
     return run(
         np.array(y0, float), begin, length, tuple(float(v) for v in six), np.array(p, float), every,
-        tuple(_places(n, active) for n in SIGNATURES), environment_state._replace(position=(0.0, 0.0, 0.0)), np.array(position, float),
+        tuple(_places(n, active) for n in SIGNATURES), still, np.array(along, float),
     )  # fmt: skip
 
 

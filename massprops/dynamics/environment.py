@@ -16,13 +16,13 @@ class EnvironmentState(NamedTuple):
     """What an effect may ask of the surroundings at a moment; inertial axes.
 
     Attributes:
-        position: of the chaser from the planet's centre [m]; sun: direction; field: [T].
+        position: of the chaser from the planet's centre [m]; sun: direction; field: [T], constant or along the orbit.
         mu: [m^3/s^2], 0 without an orbit.
     """
 
     position: tuple[Any, Any, Any]
     sun: tuple[float, float, float]
-    field: tuple[float, float, float]
+    field: tuple[Any, Any, Any]
     mu: float
 
 
@@ -30,7 +30,8 @@ class EnvironmentModel:
     """The environment of a sequence, ready to be asked at any time.
 
     Attributes:
-        mu: [m^3/s^2], 0 without an orbit; sun, field: three components each, inertial; zeros when unknown.
+        mu: [m^3/s^2], 0 without an orbit; sun, field: three components each, inertial; zeros when unknown. dipole: the planet's
+            (3,) [T m^3], whose field along the orbit stands in place of a constant one, or None.
         falls: whether the target falls freely beside the chaser; otherwise its path is straight in inertial axes.
         compiled: whether a free body's rotation, too, goes by the compiled kernel. It takes a second to load, which pays where
             many integrations are to come; effects of the catalogue always go by it.
@@ -44,12 +45,13 @@ class EnvironmentModel:
         self.mu = environment.orbit.mu_m3_s2 if environment.orbit else 0.0
         self.sun = _three(environment.sun_direction)
         self.field = _three(environment.magnetic_field_T)
+        self.dipole = environment.magnetic_dipole_T_m3
         self.known = {
             name
             for name, there in (
                 ("orbit", environment.orbit is not None),
                 ("sun direction", environment.sun_direction is not None),
-                ("magnetic field", environment.magnetic_field_T is not None),
+                ("magnetic field", environment.magnetic_field_T is not None or self.dipole is not None),
             )
             if there
         }
@@ -75,7 +77,17 @@ class EnvironmentModel:
     def state(self, t: Any, orbiting: bool = True) -> EnvironmentState:
         """All that effects ask for at time(s) t; the position is zeros without an orbit, or where none asks for it."""
         place = self.position(t) if orbiting and self.orbit is not None else (0.0, 0.0, 0.0)
-        return EnvironmentState(place, self.sun, self.field, self.mu)
+        return EnvironmentState(place, self.sun, self.field_at(t), self.mu)
+
+    def field_at(self, t: Any) -> tuple[Any, Any, Any]:
+        """Magnetic field at time(s) t, inertial axes [T]."""
+        if self.dipole is None:
+            return self.field
+        x, y, z = self.position(t)
+        square = x * x + y * y + z * z
+        a, b, c = (float(v) for v in self.dipole)
+        along, cube = 3.0 * (a * x + b * y + c * z) / square, square**1.5
+        return (along * x - a) / cube, (along * y - b) / cube, (along * z - c) / cube
 
     def known_in_body(self, times: np.ndarray, R: np.ndarray) -> dict[str, np.ndarray]:
         """Unit vectors (n, 3) to the Sun, along the field and down to the planet, as far as they are known, in the axes of a body.
@@ -87,7 +99,7 @@ class EnvironmentModel:
         if "sun direction" in self.known:
             out["sun"] = self.sun
         if "magnetic field" in self.known:
-            out["field"] = self.field
+            out["field"] = self.field_at(times)
         if "orbit" in self.known:
             out["nadir"] = tuple(-v for v in self.position(times))
         for name, inertial in out.items():

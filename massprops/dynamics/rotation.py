@@ -274,7 +274,7 @@ def _integrated_plainly(
     """`integrate` uncompiled: for no effects, or for one that is no file of the catalogue, made for one record."""
     times = (start[:, None] + np.stack([INSIDE * size, 0.5 * size, 0.5 * size, size - INSIDE * size], axis=1)).tolist()
 
-    still = None if active.orbiting else environment.state(0.0, False)
+    still = None if active.orbiting or environment.dipole is not None else environment.state(0.0, False)
 
     def slope(k: int, stage: int, y: list[Any]) -> list[Any]:
         t = times[k][stage]

@@ -108,12 +108,14 @@ class Orbit:
 
 @dataclass(frozen=True)
 class Environment:
-    """`environment.yaml`: what is known of the surroundings; vectors (3,) in inertial axes, or None."""
+    """`environment.yaml`: what is known of the surroundings; vectors (3,) in inertial axes, or None. The field is constant, or that of
+    the planet's dipole along the orbit."""
 
     chaser_attitude: str = "inertial"
     orbit: Orbit | None = None
     sun_direction: np.ndarray | None = None
     magnetic_field_T: np.ndarray | None = None
+    magnetic_dipole_T_m3: np.ndarray | None = None
 
 
 @dataclass(frozen=True)

@@ -298,7 +298,11 @@ def _environment(path: Path) -> Environment:
         if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6):
             raise InputError(f"{path}: R_inertial_perifocal is not a rotation")
         orbit = Orbit(**{**vars(document.orbit), "R_inertial_perifocal": rotation})
-    return Environment(document.chaser_attitude, orbit, direction, document.magnetic_field_T)
+    field, dipole = document.magnetic_field_T, document.magnetic_dipole_T_m3
+    if dipole is not None and (orbit is None or field is not None):
+        why = "needs orbit" if orbit is None else "stands in place of magnetic_field_T, and both are given"
+        raise InputError(f"{path}: magnetic_dipole_T_m3 {why}")
+    return Environment(document.chaser_attitude, orbit, direction, field, dipole)
 
 
 def _count(warnings: list[str], path: Path, count: int, what: str) -> None:

@@ -18,6 +18,11 @@ MU, RADIUS = 3.986004415e14, 6.9e6
 AU = 149597870700.0
 SUN = np.array([0.48, -0.6, 0.64])
 SIGMA = np.radians(0.05)
+PLANET_M = 6371.2e3
+FIELD_T = 3.12e-5
+"""Of the Earth's dipole, at the magnetic equator of its surface."""
+DIPOLE_T_M3 = FIELD_T * PLANET_M**3 * np.array([0.8, -0.36, 0.48])
+"""As strong as the Earth's and not across the orbit, so that the field turns along it."""
 
 
 def _nanoseconds(seconds: float) -> int:
@@ -91,6 +96,33 @@ def _gravity(world: Any, hub: Any, rng: np.random.Generator, inertia: np.ndarray
     hub.addDynamicEffector(effector)
     world.AddModelToTask("t", effector)
     return {"kept": (factory, effector)}
+
+
+def _magnet(world: Any, hub: Any, rng: np.random.Generator, inertia: np.ndarray, w: np.ndarray) -> dict:
+    """A torque bar that is stuck, along anything, in a field that changes along the orbit."""
+    from Basilisk.architecture import messaging
+    from Basilisk.simulation import MtbEffector, magneticFieldCenteredDipole
+
+    factory = _planet(world, hub)
+    field = magneticFieldCenteredDipole.MagneticFieldCenteredDipole()
+    field.planetRadius = PLANET_M
+    field.g11, field.h11, field.g10 = (float(v) for v in DIPOLE_T_M3 / PLANET_M**3)
+    field.addSpacecraftToModel(hub.scStateOutMsg)
+    world.AddModelToTask("t", field)
+    way = _direction(rng)
+    size = 1.6e-4 * float(np.linalg.norm(inertia @ w)) / FIELD_T
+    bars = messaging.MTBArrayConfigMsgPayload()
+    bars.numMTB, bars.GtMatrix_B, bars.maxMtbDipoles = 1, way.tolist(), [1e6]
+    command = messaging.MTBCmdMsgPayload()
+    command.mtbDipoleCmds = [size]
+    messages = messaging.MTBArrayConfigMsg().write(bars), messaging.MTBCmdMsg().write(command)
+    effector = MtbEffector.MtbEffector()
+    effector.mtbParamsInMsg.subscribeTo(messages[0])
+    effector.mtbCmdInMsg.subscribeTo(messages[1])
+    effector.magInMsg.subscribeTo(field.envOutMsgs[0])
+    hub.addDynamicEffector(effector)
+    world.AddModelToTask("t", effector)
+    return {"kept": (factory, field, effector, messages), "dipole": size * way}
 
 
 def _sunlight(world: Any, hub: Any, rng: np.random.Generator, inertia: np.ndarray, w: np.ndarray) -> dict:
@@ -295,7 +327,7 @@ STRANGERS: dict[str, Callable[..., dict]] = {"jet-in-sunlight": _jet_in_sunlight
 """What no effect of the catalogue is."""
 KINDS: dict[str, Callable[..., dict]] = {
     "none": _nothing, "gravity-gradient-torque": _gravity, "sunlight": _sunlight, "constant-body-torque": _leak,
-    "impulse": _firing, "internal-rotor": _wheel,
+    "impulse": _firing, "internal-rotor": _wheel, "magnetic-dipole-torque": _magnet,
 }  # fmt: skip
 
 PAIRS = (
@@ -312,9 +344,12 @@ def recorded(kind: str, seed: int, sigma: float = SIGMA, seconds: float = 900.0,
     noisy = normalise(multiply(q, from_rotation_vector(sigma * rng.standard_normal((len(q), 3)))))
     # the orbit lies in the x-y plane, the body begins on +x
     orbit = Orbit(MU, RADIUS, 0.0, 0.0)
+    # records from before there was a torque bar have a field that nothing asks for
+    magnet = "magnetic" in kind
     around = Environment(
-        orbit=orbit, sun_direction=SUN / np.linalg.norm(SUN), magnetic_field_T=np.array([2e-5, -1e-5, 3e-5])
-    )
+        orbit=orbit, sun_direction=SUN / np.linalg.norm(SUN),
+        magnetic_field_T=None if magnet else np.array([2e-5, -1e-5, 3e-5]), magnetic_dipole_T_m3=DIPOLE_T_M3 if magnet else None,
+    )  # fmt: skip
     series = AttitudeSeries(np.round(times * 1e9).astype(np.int64), noisy, np.full(len(times), sigma))
     return Sequence(attitude=series, environment=around)
 

@@ -101,3 +101,23 @@ def test_camera_frame_is_the_one_that_the_simulator_uses() -> None:
         )
         there = position_velocity(orbit(0.2), np.asarray(t))[0]
         np.testing.assert_allclose(there, np.array(theirs.position(t)), rtol=1e-12)
+
+
+def test_the_field_of_a_dipole_along_the_orbit() -> None:
+    """Twice as strong over its poles as over its equator, and the other way there; it falls by the cube."""
+    o, dipole = Orbit(MU, 7.17e6, 0.3, 0.0, PERIFOCAL), 8e15
+    times = np.linspace(0.0, 6000.0, 7)
+
+    def field(along: np.ndarray) -> np.ndarray:
+        model = EnvironmentModel(Environment(orbit=o, magnetic_dipole_T_m3=dipole * along))
+        assert "magnetic field" in model.known
+        return np.stack(model.state(times, orbiting=False).field, axis=1)
+
+    r = np.stack(EnvironmentModel(Environment(orbit=o)).position(times), axis=1)
+    cube = np.linalg.norm(r, axis=1) ** 3
+    assert field(PERIFOCAL[:, 2]) == pytest.approx(-dipole / cube[:, None] * PERIFOCAL[:, 2])
+    assert field(r[0] / np.linalg.norm(r[0]))[0] == pytest.approx(2.0 * dipole * r[0] / np.linalg.norm(r[0]) ** 4)
+    model = EnvironmentModel(Environment(orbit=o, magnetic_dipole_T_m3=dipole * PERIFOCAL[:, 0]))
+    known = model.known_in_body(times, np.broadcast_to(np.eye(3), (7, 3, 3)))["field"]
+    own = field(PERIFOCAL[:, 0])
+    assert known == pytest.approx(own / np.linalg.norm(own, axis=1, keepdims=True))

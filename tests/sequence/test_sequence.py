@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -116,6 +117,13 @@ def test_a_table_of_which_most_would_be_left_out_is_refused(tmp_path: Path) -> N
         ("body.yaml", "inertia: [[1, 2, 0], [0, 1, 0], [0, 0, 1]]\n", "symmetric"),
         ("environment.yaml", "chaser_attitude: upside-down\n", "inertial or lvlh"),
         ("environment.yaml", "orbit: {mu_m3_s2: 1.0}\n", "semi_major_axis_m"),
+        ("environment.yaml", "magnetic_dipole_T_m3: [0, 0, -8.0e15]\n", "magnetic_dipole_T_m3 needs orbit"),
+        (
+            "environment.yaml",
+            "magnetic_field_T: [0, 0, 1e-5]\nmagnetic_dipole_T_m3: [0, 0, -8.0e15]\n"
+            "orbit: {mu_m3_s2: 4.0e14, semi_major_axis_m: 7.0e6, eccentricity: 0, true_anomaly_rad: 0}\n",
+            "in place of magnetic_field_T",
+        ),
         ("tracks0/data.csv", "#timestamp [ns],camera,u [px],v [px]\n", "no column feature"),
     ],
 )
@@ -124,6 +132,13 @@ def test_files_that_contradict_themselves(tmp_path: Path, file: str, text: str, 
     (tmp_path / file).write_text(text)
     with pytest.raises(InputError, match=says):
         read_sequence(tmp_path)
+
+
+def test_the_dipole_of_a_planet_comes_back(tmp_path: Path) -> None:
+    own = replace(example().environment, magnetic_field_T=None, magnetic_dipole_T_m3=np.array([0.0, 1e15, -8e15]))
+    write_sequence(tmp_path, replace(example(), environment=own))
+    back = read_sequence(tmp_path).environment
+    assert back.magnetic_field_T is None and np.allclose(back.magnetic_dipole_T_m3, [0.0, 1e15, -8e15])
 
 
 @pytest.mark.parametrize("name", ["body.yaml", "environment.yaml", "imu0", "imu0/data.csv", "cam0/sensor.yaml"])
