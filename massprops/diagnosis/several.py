@@ -14,10 +14,11 @@ import numpy as np
 from massprops.diagnosis import criteria
 from massprops.diagnosis.common_parameters import Common, common_of
 from massprops.diagnosis.effect_columns import Term, follows_measured, has_known_rate
-from massprops.diagnosis.effect_search import again
+from massprops.diagnosis.effect_search import admissible, again
 from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
 from massprops.diagnosis.record_agreement import Shared, own_numbers, shared_numbers, stretch
 from massprops.diagnosis.selection import Candidate, Selection, may_be_named
+from massprops.effects import effects
 from massprops.errors import NotPossible
 
 ONE_RECORD = "a law (--discover) and a simulator (--simulator) are looked for in one record: give each record by itself"
@@ -82,6 +83,7 @@ def together(selections: list[Selection]) -> Together:
         NotPossible: no body comes near all records.
     """
     tried = {key: own for key in _in_all(selections) if (own := _in_each(key, selections))}
+    tried = _other_laws(tried, selections) | tried
     same = _judged(selections, tried, axes=False)
     try:
         turned = _judged(selections, tried, axes=True)
@@ -192,6 +194,34 @@ def _common_effect(name: str, own: tuple[Candidate, ...], base: Common, axes: bo
         name=name, evidence=counts.evidence - base.evidence, common=common, candidates=own, agreement=agreement(counts, fits),
         apart=tuple(own_numbers(told)) if differ else (),
     )  # fmt: skip
+
+
+def _other_laws(
+    tried: dict[tuple[str, bool], tuple[Candidate, ...]], selections: list[Selection]
+) -> dict[tuple[str, bool], tuple[Candidate, ...]]:
+    """In each record, the other laws of a cause that some of them do not tell from the one that was tried: together they may."""
+    out = {}
+    for own in tried.values():
+        for law in dict.fromkeys(name for c in own for name in c.alike):
+            with suppress(NotPossible):
+                known = [next((o for o in s.tried if o.name == law), None) for s in selections]
+                both = zip(known, own, selections, strict=True)
+                out[law, False] = tuple(_by_law(law, c, s) if k is None else k for k, c, s in both)
+    return out
+
+
+def _by_law(law: str, c: Candidate, s: Selection) -> Candidate:
+    """Another law in place of a candidate's, by itself and beside an unknown torque.
+
+    Raises:
+        NotPossible: it leads nowhere in the record.
+    """
+    record = s.base.record
+    hypothesis = replace(c.likeliest.hypothesis, terms=(Term(effect=effects()[law]),))
+    alone = admissible(record, hypothesis, again(c.likeliest), latent=False)
+    if alone is None:
+        raise NotPossible(f"{law} leads nowhere in a record")
+    return Candidate(alone=alone, with_latent=admissible(record, hypothesis, again(alone), latent=True))
 
 
 def _apart(fit: HypothesisFit) -> HypothesisFit:

@@ -159,6 +159,12 @@ def _mean_moment(e: CommonEffect, shown: dict[str, Any], sigma: dict[str, Any]) 
     return mean_moment(moment, [(v, sigma[name][k]) for k, v in shown[name].items() if v is not None])
 
 
+def _laws_told(e: CommonEffect, found: Together) -> list[str]:
+    """Other laws of an effect's cause that not each record tells from it, and all together do."""
+    laws = dict.fromkeys(name for c in e.candidates for name in c.alike)
+    return [o.name for o in found.tried if o.name in laws and o.evidence < e.evidence - criteria.ALIKE]
+
+
 def _reason(found: Together, count: int) -> str:
     names = ", ".join(dict.fromkeys(e.name for e in found.named))
     shared = any(own for e in found.named for own in e.common.parameters.values())
@@ -166,9 +172,11 @@ def _reason(found: Together, count: int) -> str:
     if found.split is not None:
         differ = ", ".join(n.words for n in found.split.shared if n.differs) or "the inertia"
         split = f"; {found.split.name} explains each by itself, but they differ in {differ}"
+    told = [law for e in found.named[:1] for law in _laws_told(e, found)] if found.verdict == "named" else []
+    law = f"; together they tell it from {' and '.join(told)}, which not each does" if told else ""
     return {
         "none": f"a free rigid body of one inertia explains the {count} records",
-        "named": f"{names}, with one inertia{' and its parameters the same' if shared else ''} in all {count} records",
+        "named": f"{names}, with one inertia{' and its parameters the same' if shared else ''} in all {count} records{law}",
         "ambiguous": f"these {count} records cannot tell apart: {names}",
         "unexplained": f"no effect of the catalogue explains the {count} records with one inertia{split}",
     }[found.verdict]

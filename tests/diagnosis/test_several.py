@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from diagnosis.pair_worlds import FIELD_T, PERIOD_S, SECONDS, Acting, World, _sequence, moved
 from diagnosis.test_momentum_balance import INERTIA, tumble
+from diagnosis.test_turned_axes import seen
 
 from massprops.diagnosis import criteria, selection
 from massprops.diagnosis.common_parameters import Common, Law, common_of, joined
@@ -300,3 +301,21 @@ def test_one_effect_in_turned_axes_is_told_with_the_turn(monkeypatch: pytest.Mon
     unexplained = replace(found, verdict="unexplained", named=(), agreement=0.0, split=effect)
     reason = document_of_together(unexplained, ["a", "b"], [f.document for f in fits])["reason"]
     assert "viscous-damping explains each by itself, but they differ in" in reason
+
+
+def test_records_of_different_rates_tell_by_which_law_a_drag_acts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A drag in proportion to the rate: no record by itself says that it is none by the rate's square."""
+    usable = selection.usable_effects
+    monkeypatch.setattr(
+        selection, "usable_effects", lambda r: ([e for e in usable(r)[0] if e.NAME == "drag-by-axis"], {})
+    )
+    monkeypatch.setattr(selection, "first_look_at_wheel", _none)
+    found = [diagnose_by_balance(seen("rates", np.zeros(3), k, drag=0.015, speed=s)) for k, s in enumerate((0.5, 1.2))]
+    law = "drag-by-rate-squared"
+    assert [f.document["verdict"] for f in found] == ["none", "named"]
+    assert [c.alike for c in found[1].selection.tried] == [(law,)]
+    joint = together([f.selection for f in found])
+    assert joint.verdict == "named" and joint.named[0].name == "drag-by-axis"
+    assert {e.name for e in joint.tried} == {"drag-by-axis", law}
+    reason = document_of_together(joint, ["slow", "fast"], [f.document for f in found])["reason"]
+    assert f"together they tell it from {law}" in reason

@@ -34,15 +34,17 @@ FINE, COUNT, GAP = 20, 80, 0.0125
 KINDS = ("rates", "attitudes", "both")
 
 
-def _seen(kind: str, turn: np.ndarray, seed: int = 0, drag: float = 0.0) -> Sequence:
-    """A tumble as a sensor sees it whose axes are turned in the body; drag: over the mean moment [1/s]."""
+def seen(kind: str, turn: np.ndarray, seed: int = 0, drag: float = 0.0, speed: float = 1.0) -> Sequence:
+    """A tumble as a sensor sees it whose axes are turned in the body; drag: over the mean moment [1/s], speed: factor on all rates."""
 
     def slope(t: float, y: np.ndarray) -> np.ndarray:
         w = np.linalg.solve(INERTIA, y)
         return np.asarray(np.cross(y, w) - drag * w)
 
     t = GAP / FINE * np.arange(FINE * (COUNT - 1) + 1)
-    y = solve_ivp(slope, (0.0, t[-1]), INERTIA @ STARTS[seed], t_eval=t, rtol=1e-9, atol=1e-10, max_step=0.005).y.T
+    y = solve_ivp(
+        slope, (0.0, t[-1]), speed * INERTIA @ STARTS[seed], t_eval=t, rtol=1e-9, atol=1e-10, max_step=0.005
+    ).y.T
     w = np.linalg.solve(INERTIA, y.T).T
     q = chained(0.5 * (w[1:] + w[:-1]) * np.diff(t)[:, None])[::FINE]
     rng = np.random.default_rng([seed, 9])
@@ -57,11 +59,11 @@ def _seen(kind: str, turn: np.ndarray, seed: int = 0, drag: float = 0.0) -> Sequ
 
 
 def _record(kind: str, turn: np.ndarray, seed: int = 0) -> Record:
-    seen = _seen(kind, turn, seed)
-    if seen.attitude is None:
-        assert seen.rates is not None
-        return record_of_rates(seen.rates)
-    return record_of_attitudes(seen.attitude, Environment(), seen.rates)
+    of = seen(kind, turn, seed)
+    if of.attitude is None:
+        assert of.rates is not None
+        return record_of_rates(of.rates)
+    return record_of_attitudes(of.attitude, Environment(), of.rates)
 
 
 def _common(kind: str, turns: list[np.ndarray]) -> tuple[Common, Common]:
@@ -131,7 +133,7 @@ def test_the_command_names_one_drag_in_records_of_a_sensor_that_slipped(
     )
     monkeypatch.setattr(selection, "first_look_at_wheel", _none)
     for k, turn in enumerate((np.zeros(3), SLIP)):
-        write_sequence(tmp_path / str(k), _seen("rates", turn, k, drag=0.5))
+        write_sequence(tmp_path / str(k), seen("rates", turn, k, drag=0.5))
     out = tmp_path / "out"
     assert run(["diagnose", str(tmp_path / "0"), str(tmp_path / "1"), "-o", str(out), "-q"]) == 0
     said = capsys.readouterr()
