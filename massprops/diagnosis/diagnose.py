@@ -17,6 +17,7 @@ from massprops.diagnosis.motion_path import LARGEST_STEP, MOST_POINTS
 from massprops.diagnosis.record import FEWEST_ROWS, Record, record_of_attitudes, record_of_rates
 from massprops.diagnosis.residual_rows import HEAD, torque_rows
 from massprops.diagnosis.selection import Selection, rigid_body_alone, rms, select
+from massprops.diagnosis.set_clock import refuse_set_clock
 from massprops.effects import in_place
 from massprops.errors import InputError, NotPossible
 from massprops.sensing.check import check_sensors
@@ -145,7 +146,9 @@ def write_several(document: dict[str, Any], out: Path, inputs: Iterable[Path], f
 def _record(sequence: Sequence) -> Record:
     if sequence.attitude is None:
         assert sequence.rates is not None
-        return record_of_rates(sequence.rates, sequence.first_ns)
+        record = record_of_rates(sequence.rates, sequence.first_ns)
+        refuse_set_clock(sequence.rates)
+        return record
     return record_of_attitudes(sequence.attitude, sequence.environment, sequence.rates, sequence.first_ns)
 
 

@@ -19,7 +19,8 @@ FARTHEST = 1.5
 """Turn over a gap [rad] beyond which the motion before it does not tell where the body is after it.
 
 In 14 flights, 8 tossed cubes and 7 records of Basilisk, times that were set ahead by 3 to 80 samples at places drawn at random were noticed
-in 1154 of 1390; in 8 racquets, which turn by a tenth of a radian between samples, in 11 of 240. Of as many gaps none was taken for a jump."""
+in 1154 of 1390; in 8 racquets, which turn by a tenth of a radian between samples, in 11 of 240 (`diagnosis.set_clock` tells those). Of as many gaps none was
+taken for a jump."""
 OFF, NEAR = 0.5, 0.2
 """Part of what a gap of its length should move, by which the motion is off from that, and by which it may be off from one usual step."""
 EXACT = 0.1
@@ -34,7 +35,7 @@ def check_attitude_times(times: np.ndarray, q: np.ndarray) -> None:
     Raises:
         NotPossible: naming the time and the length of the gap.
     """
-    usual, gaps = _gaps(times)
+    usual, gaps = gaps_in(times)
     for k in gaps:
         before, after = slice(max(0, k + 1 - FEWEST), k + 1), slice(k + 1, k + 1 + FEWEST)
         if len(times[before]) < FEWEST or len(times[after]) < FEWEST:
@@ -44,7 +45,7 @@ def check_attitude_times(times: np.ndarray, q: np.ndarray) -> None:
         _judge("attitude0", times[k], times[k + 1], usual, w, moved)
 
 
-def _gaps(times: np.ndarray) -> tuple[float, np.ndarray]:
+def gaps_in(times: np.ndarray) -> tuple[float, np.ndarray]:
     """The usual step of times (n,) [s], and the indices before gaps; none in a short record."""
     steps = np.diff(times)
     usual = float(np.median(steps)) if len(times) > 2 * FEWEST else np.inf
@@ -63,7 +64,7 @@ def check_rate_times(times: np.ndarray, w: np.ndarray) -> None:
     Raises:
         NotPossible: naming the time and the length of the gap.
     """
-    usual, gaps = _gaps(times)
+    usual, gaps = gaps_in(times)
     for k in gaps:
         gap = times[k + 1] - times[k]
         if gap * np.linalg.norm(w[k]) > FARTHEST:
@@ -105,7 +106,12 @@ def _judge(
     else:
         jumps = off(gap) > OFF * far and off(usual) < NEAR * far
     if jumps:
-        raise NotPossible(
-            f"{what}: the times jump by {gap:.4g} s at {start:.4g} s, while the body moves on as within {usual:.4g} s: the clock was set. "
-            "Correct the times after that, or cut the record there"
-        )
+        raise clock_was_set(what, start, gap, usual)
+
+
+def clock_was_set(what: str, start: float, gap: float, usual: float) -> NotPossible:
+    """What is said of times that jump by a gap [s] at a time [s], over which the body moved as over a usual step [s]."""
+    return NotPossible(
+        f"{what}: the times jump by {gap:.4g} s at {start:.4g} s, while the body moves on as within {usual:.4g} s: the clock was set. "
+        "Correct the times after that, or cut the record there"
+    )
