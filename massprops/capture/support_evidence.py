@@ -2,7 +2,7 @@
 
 Two pictures of the support are put together. The wide one shows what lies behind the object in low images. The fine one is of the
 object's foot, where stereo cannot tell a shadow from the object: its windows reach over both. There the first shape is
-believed from the height on that no window reaches, and lower down a place is the support's unless it has the object's colours.
+believed from the height on that no window reaches (`foot_picture`).
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from massprops.capture.colours import colour_cells
-from massprops.capture.from_shape import BAND, LEAST_BAND, Paint, equivalent_diameter
-from massprops.capture.support_picture import SupportPicture, grid_about, picture_of_support
+from massprops.capture.colours import BINS, colour_cells
+from massprops.capture.from_shape import BAND, LEAST_BAND, equivalent_diameter
+from massprops.capture.support_picture import Grid, SupportPicture, grid_about, picture_of_support
 from massprops.capture.votes import Evidence
 from massprops.documents.arrays import open_arrays
 from massprops.geometry.rasterise import silhouette
@@ -31,8 +31,11 @@ ABOUT = 25.0
 """Width of the fine picture about the foot [px]: the widest foot that shadows made was 13 px too wide, of two jugs."""
 EDGE = 2
 """Pixels about what stands higher than the foot that may show it."""
-ITS_OWN = 0.5
-"""Share of the object's points among all of a colour, from which on a place at the foot may be the object's."""
+WALL, LEAST_WALL = 40.0, 300
+"""Height up to which the object is the one just above its foot [px], and points without which that is not known."""
+RARE = 0.01
+"""Share of the points just above the foot whose colours say nothing of what the foot looks like. In the deepest shade beside a
+blue jug .0007 of them were as rare as the purple cloth."""
 FREE = 0.2
 """Distance from the measured silhouette, in its equivalent diameters, from which on pixels are free of the object for
 learning, but for a part that it lacks."""
@@ -175,11 +178,14 @@ def wide_picture(seen: Looked) -> SupportPicture:
     return picture_of_support(seen.views, seen.image, grid, seen.near)
 
 
-def foot_picture(seen: Looked, own: tuple[np.ndarray, np.ndarray], other_bgr: np.ndarray) -> SupportPicture:
+def foot_picture(seen: Looked, own: tuple[np.ndarray, np.ndarray]) -> SupportPicture:
     """The support at the object's foot.
 
+    The first shape may hide places there in all images that it does not hide in truth. Such a place is taken for the support's where
+    it lies beside what rises just above the foot, hangs together with places that are free, and has none of the colours there.
+
     Args:
-        own: (n, 3) measured points of the object and (n, 3) uint8 their colours; other_bgr: (m, 3) of what is about it.
+        own: (n, 3) measured points of the object and (n, 3) uint8 BGR their colours.
     """
     height = (seen.vertices @ seen.plane[:3] + seen.plane[3]) / seen.pixel
     foot = seen.vertices[height <= max(LOW, float(np.quantile(height, 0.05)))]
@@ -187,6 +193,10 @@ def foot_picture(seen: Looked, own: tuple[np.ndarray, np.ndarray], other_bgr: np
     reach = 0.5 * float(np.linalg.norm(high - low)) + ABOUT * seen.pixel
     grid = grid_about(seen.plane, 0.5 * (low + high), reach, seen.pixel, MOST_PLACES)
     free = picture_of_support(seen.views, seen.image, grid, seen.near)
+    risen = (own[0] @ seen.plane[:3] + seen.plane[3]) / seen.pixel
+    wall = own[1][(risen > LOW) & (risen < WALL)]
+    if len(wall) < LEAST_WALL:
+        return free
     top = seen.faces[height[seen.faces].min(1) > LOW]
 
     def hidden(i: int) -> np.ndarray:
@@ -194,13 +204,55 @@ def foot_picture(seen: Looked, own: tuple[np.ndarray, np.ndarray], other_bgr: np
 
     perhaps = picture_of_support(seen.views, seen.image, grid, hidden)
     known, there = (np.isfinite(p.colour[..., 0]) for p in (free, perhaps))
-    risen = (own[0] @ seen.plane[:3] + seen.plane[3]) / seen.pixel > LOW
-    paint = Paint.learn(own[1][risen], other_bgr)
-    level = np.clip(np.nan_to_num(perhaps.colour), 0.0, 255.0).astype(np.uint8)
-    taken = there & ~known & (paint.share[colour_cells(level)] <= ITS_OWN)
-    colour = np.where(known[..., None], free.colour, np.where(taken[..., None], perhaps.colour, np.nan))
-    scatter = np.where(known, free.scatter, np.where(taken, perhaps.scatter, np.nan))
-    return SupportPicture(grid, colour.astype(np.float32), scatter.astype(np.float32), free.light)
+    section = _shadow(grid, seen.vertices, top[height[top].max(1) < WALL])
+    taken = there & ~known & _beside(section, ABOUT * seen.pixel / grid.step) & ~_has_colours(perhaps.colour, wall)
+    taken = _reached_from(known, taken)
+    colour = np.where(taken[..., None], perhaps.colour, free.colour)
+    return SupportPicture(grid, colour, np.where(taken, perhaps.scatter, free.scatter), free.light)
+
+
+def _shadow(grid: Grid, vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """(c, c) bool: places that lie straight below faces, or are enclosed by such."""
+    import cv2
+    from scipy.ndimage import binary_fill_holes
+
+    off = vertices - grid.origin
+    at = np.stack([off @ grid.second, off @ grid.first], axis=1) / grid.step**2
+    out = np.zeros((grid.count, grid.count), np.uint8)
+    for triangle in np.rint(at[faces]).astype(np.int32):
+        cv2.fillConvexPoly(out, triangle, 1)
+    return np.asarray(binary_fill_holes(out > 0))
+
+
+def _beside(section: np.ndarray, reach: float) -> np.ndarray:
+    """(c, c) bool: places off a section, and within `reach` steps of it."""
+    import cv2
+
+    if not section.any():
+        return section
+    off = cv2.distanceTransform((~section).astype(np.uint8), cv2.DIST_L2, 5)
+    return np.asarray((off > EDGE) & (off < reach))
+
+
+def _has_colours(colour: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """(c, c) bool: places whose colours (c, c, 3) are not among the rarest of own ones (n, 3) uint8 BGR."""
+    from scipy.ndimage import gaussian_filter
+
+    cells = colour_cells(own[:, None]).ravel()
+    count = np.bincount(cells, minlength=BINS**3).reshape((BINS,) * 3).astype(np.float64)
+    density = gaussian_filter(count, 1.0).ravel()
+    level = np.clip(np.nan_to_num(colour), 0.0, 255.0).astype(np.uint8)
+    return np.asarray(density[colour_cells(level)] >= np.quantile(density[cells], RARE))
+
+
+def _reached_from(known: np.ndarray, taken: np.ndarray) -> np.ndarray:
+    """(c, c) bool: the pieces of `taken` that touch what is known."""
+    from scipy.ndimage import binary_dilation, label
+
+    piece, number = label(taken)
+    touch = np.bincount(piece[binary_dilation(known)], minlength=number + 1) > 0
+    touch[0] = False
+    return np.asarray(touch[piece])
 
 
 def learned(seen: Looked, pictures: tuple[SupportPicture, ...]) -> SupportEvidence:

@@ -38,6 +38,11 @@ class Grid:
     second: np.ndarray
     count: int
 
+    @property
+    def step(self) -> float:
+        """Between places."""
+        return float(np.linalg.norm(self.first))
+
     def moved(self, R: np.ndarray, t: np.ndarray) -> Grid:
         """The same after x -> R x + t."""
         return Grid(R @ self.origin + t, R @ self.first, R @ self.second, self.count)

@@ -12,6 +12,19 @@ from massprops.run.job import Job
 from massprops.run.stage_images import undistorted_frame
 from massprops.views import Views
 
+COMPANY, LEAST_COMPANY = 4.0, 3
+"""A point of another thing has so many points, itself among them, within so many pixels: one alone may be a wrong match."""
+
+
+def with_company(xyz: np.ndarray, within: float) -> np.ndarray:
+    """The points (m, 3) that do not stand alone among (n, 3)."""
+    from scipy.spatial import cKDTree
+
+    if not len(xyz):
+        return xyz
+    tree = cKDTree(xyz)
+    return xyz[tree.query_ball_point(xyz, within, return_length=True) >= LEAST_COMPANY]
+
 
 def completed(job: Job, views: Views, folder: Path, placement: dict[str, Any]) -> int:
     """Puts the parts of a placement that all images show to its `shape.npz`, and writes what the images show of its support; gives
@@ -34,8 +47,8 @@ def completed(job: Job, views: Views, folder: Path, placement: dict[str, Any]) -
     with np.load(folder / "shape.npz", allow_pickle=False) as z:
         vertices, faces = z["vertices"], z["faces"]
     other = Cloud.load(folder / "other.npz").xyz
-    standing = other[other @ plane[:3] + plane[3] > placement["support_rise"]]
     pixel = pixel_size(small, region_of(here))
+    standing = with_company(other[other @ plane[:3] + plane[3] > placement["support_rise"]], COMPANY * pixel)
 
     def looked_at(vertices: np.ndarray, faces: np.ndarray) -> Looked:
         return Looked.at(
@@ -57,7 +70,6 @@ def completed(job: Job, views: Views, folder: Path, placement: dict[str, Any]) -
         np.savez(folder / "shape.npz", vertices=vertices, faces=faces, measured=measured)
         # places that the parts hide are not the support's
         found = evidence_of(looked_at(vertices, faces))
-    other_bgr = np.load(folder / "other_colour.npy", allow_pickle=False)[:, ::-1]
-    foot = foot_picture(found.seen, own_points(folder), other_bgr)
+    foot = foot_picture(found.seen, own_points(folder))
     learned(found.seen, (foot, found.picture)).save(folder / EVIDENCE)
     return len(parts)
