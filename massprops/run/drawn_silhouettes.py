@@ -139,8 +139,10 @@ def drawn_silhouette(image: np.ndarray, views: Views, i: int, shown: Visible) ->
         # what the votes of all images put to the shape is a hull, and no point of it is sure
         sure = np.isfinite(rasterise(shown.vertices, shown.measured, K, R, t, size)[0])
         known = replace(known, surely=known.surely & sure)
-    if shown.support is not None:
-        known = replace(known, evidence=shown.support.log_odds(views, i, image))
+    evidence = None if shown.support is None else shown.support.log_odds(views, i, image)
+    if evidence is not None:
+        # a table shines: what differs from it is something only where all images have shown a part that stereo lacks
+        known = replace(known, evidence=np.minimum(evidence, 0.0) if shown.measured is None else evidence)
     solid = refine(image, known)
     mask = np.where(solid, 255, 0).astype(np.uint8)
     if shown.painted is not None:

@@ -338,6 +338,7 @@ def _opened(surface: Surface, views: Views, grey: list[np.ndarray]) -> tuple[Sur
     """The surface with the holes opened that go through it, and what else may be holes; grey: undistorted images (h, w)."""
     from massprops.surface.holes import dark_places, straight_behind
     from massprops.surface.through_holes import opened, through_holes
+    from massprops.surface.touching import parted
 
     places = dark_places(surface, views, grey)
     tubes, left = through_holes(surface, places)
@@ -345,6 +346,7 @@ def _opened(surface: Surface, views: Views, grey: list[np.ndarray]) -> tuple[Sur
     if rest is None:
         return surface, _Holes(len(places), straight_behind(surface, places), 0, 0.0, np.zeros(10))
     vertices, faces, observed, inferred = rest
+    vertices = parted(vertices, faces)
     taken = float(mesh_integrals(surface.vertices, surface.faces)[0] - mesh_integrals(vertices, faces)[0])
     holes = _Holes(
         len(left), straight_behind(surface, left), len(tubes), taken, np.sum([tube.unsure for tube in tubes], axis=0)
