@@ -71,17 +71,26 @@ class SupportEvidence:
         pictures: of the support, made of them; where several know a place the first is believed.
         evidence: what differs from them says.
         standing: (m, 3) points of other things that stand on the support.
+        pixel: size at the object.
     """
 
     names: tuple[str, ...]
     pictures: tuple[SupportPicture, ...]
     evidence: Evidence
     standing: np.ndarray
+    pixel: float
 
     def moved(self, R: np.ndarray, t: np.ndarray) -> SupportEvidence:
         """The same after x -> R x + t."""
         pictures = tuple(replace(p, grid=p.grid.moved(R, t)) for p in self.pictures)
         return replace(self, pictures=pictures, standing=self.standing @ R.T + t)
+
+    def at_foot(self, xyz: np.ndarray) -> np.ndarray:
+        """(n,) bool: points (n, 3) so low that the windows of stereo reach over them and the support."""
+        grid = self.pictures[0].grid
+        normal = np.cross(grid.second, grid.first)
+        height = (xyz - grid.origin) @ normal / np.linalg.norm(normal)
+        return np.asarray(np.abs(height) < LOW * self.pixel)
 
     def log_odds(self, views: Views, i: int, image: np.ndarray) -> np.ndarray | None:
         """(h, w) float32 log odds of something before the support, 0 where nothing is known; None of an image that is not among
@@ -106,7 +115,14 @@ class SupportEvidence:
     def save(self, path: Path) -> None:
         """Writes one `.npz`."""
         arrays = {f"{name}{k}": a for k, p in enumerate(self.pictures) for name, a in p.arrays().items()}
-        np.savez(path, names=np.array(self.names), log_odds=self.evidence.log_odds, standing=self.standing, **arrays)
+        np.savez(
+            path,
+            names=np.array(self.names),
+            log_odds=self.evidence.log_odds,
+            standing=self.standing,
+            pixel=self.pixel,
+            **arrays,
+        )
 
     @staticmethod
     def load(path: Path) -> SupportEvidence:
@@ -114,7 +130,8 @@ class SupportEvidence:
         with open_arrays(path) as z:
             count = sum(name.startswith("origin") for name in z.files)
             pictures = tuple(SupportPicture.of_arrays(z, str(k)) for k in range(count))
-            return SupportEvidence(tuple(z["names"].tolist()), pictures, Evidence(z["log_odds"]), z["standing"])
+            names, evidence = tuple(z["names"].tolist()), Evidence(z["log_odds"])
+            return SupportEvidence(names, pictures, evidence, z["standing"], float(z["pixel"]))
 
 
 def off_of(
@@ -267,7 +284,8 @@ def learned(seen: Looked, pictures: tuple[SupportPicture, ...]) -> SupportEviden
         far = cv2.distanceTransform((~d).astype(np.uint8), cv2.DIST_L2, 5) > FREE * equivalent_diameter(d)
         inside.append((off[known & deep], scatter[known & deep]))
         free.append((off[known & far], scatter[known & far]))
-    return SupportEvidence(seen.views.names, pictures, Evidence.learn(_pooled(inside), _pooled(free)), seen.standing)
+    evidence = Evidence.learn(_pooled(inside), _pooled(free))
+    return SupportEvidence(seen.views.names, pictures, evidence, seen.standing, seen.pixel)
 
 
 def _pooled(pixels: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:

@@ -25,7 +25,11 @@ from massprops.capture.support_evidence import (
 )
 from massprops.capture.support_picture import grid_about, picture_of_support
 from massprops.capture.votes import EDGES, Evidence, lattice_on, vote
+from massprops.geometry.projection import project
 from massprops.geometry.rasterise import silhouette
+from massprops.run.placement_scenes import SUPPORT
+from massprops.surface.cloud import Cloud
+from massprops.surface.silhouette import mean_shown
 
 PIXEL = float(np.median(np.linalg.norm(VIEWS.centres, axis=1) / VIEWS.K[:, 0, 0]))
 NOTHING = np.zeros((0, 3))
@@ -142,6 +146,26 @@ def test_evidence_goes_with_the_object() -> None:
     assert said.log_odds(replace(VIEWS, names=tuple("x" * len(VIEWS))), 3, images[3]) is None
 
 
+def test_points_of_the_table_that_stereo_took_for_a_foot_are_told() -> None:
+    said, images = foot_seen(colour=(0, 0, 0))
+    at = trimesh.sample.sample_surface(FOOT, 3000, seed=0)[0]
+    # beside the body, and not so near that its colours are smeared over them
+    off = at[(np.abs(at[:, :2]) - [0.25, 0.2]).max(1) > 4 * PIXEL]
+    body = trimesh.sample.sample_surface(BODY, 3000, seed=0)[0]
+    xyz = np.concatenate([off, body])
+    sees = np.zeros((len(xyz), len(VIEWS)), bool)
+    for i in range(len(VIEWS)):
+        uv = np.rint(project(xyz, VIEWS.K[i], VIEWS.R[i], VIEWS.t[i])[0]).astype(int)
+        on_body = drawn(BODY, i)[uv[:, 1], uv[:, 0]]
+        sees[:, i] = on_body == (np.arange(len(xyz)) >= len(off))
+    start = np.concatenate([[0], np.cumsum(sees.sum(1))])
+    cloud = Cloud(xyz, np.zeros_like(xyz), np.ones(len(xyz)), start, np.nonzero(sees)[1])
+    shown = mean_shown(cloud, VIEWS, [said.log_odds(VIEWS, i, image) for i, image in enumerate(images)])
+    assert said.at_foot(off).all() and not said.at_foot(body[body[:, 2] > 11 * PIXEL]).any()
+    assert np.mean(shown[: len(off)] < SUPPORT) > 0.6
+    assert np.mean(shown[len(off) :] < SUPPORT) < 0.01
+
+
 def test_the_picture_that_knows_a_place_first_is_believed() -> None:
     grids = grid_about(PLANE, np.zeros(3), 0.3, PIXEL, 200), grid_about(PLANE, np.zeros(3), 0.8, 2 * PIXEL, 200)
     fine, wide = (picture_of_support(VIEWS, photograph, g, lambda i: drawn(BODY, i)) for g in grids)
@@ -163,7 +187,9 @@ def test_exposures_are_no_difference() -> None:
 def test_a_picture_is_read_as_it_was_saved(tmp_path) -> None:  # type: ignore[no-untyped-def]
     grid = grid_about(PLANE, np.zeros(3), 0.5, 4 * PIXEL, 60)
     picture = picture_of_support(VIEWS, photograph, grid, lambda i: drawn(BODY, i))
-    SupportEvidence(VIEWS.names, (picture,), Evidence(np.zeros((5, 33))), NOTHING).save(tmp_path / "evidence.npz")
+    SupportEvidence(VIEWS.names, (picture,), Evidence(np.zeros((5, 33))), NOTHING, PIXEL).save(
+        tmp_path / "evidence.npz"
+    )
     read = SupportEvidence.load(tmp_path / "evidence.npz")
     again, image = read.pictures[0], photograph(3)
     assert read.names == tuple(VIEWS.names)
