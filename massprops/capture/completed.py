@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from massprops.capture.from_shape import beyond_band
 from massprops.capture.occlusion import boundary_of
-from massprops.capture.support_evidence import Looked, band, drawn_in, learned, wide_picture
+from massprops.capture.support_evidence import Looked, drawn_in, learned, wide_picture
 from massprops.capture.support_picture import SupportPicture
 from massprops.capture.votes import Evidence, Lattice, counted, lattice_on, vote
 from massprops.surface.refine import fair
@@ -105,7 +106,7 @@ def missing_parts(
     lattice = lattice_on(plane, vertices, WIDER, CUBE * pixel, MOST_CUBES)
     # what falls on the measured shape may be hidden by that alone
     votes = np.where(found.drawn, 0.0, vote(found.log_odds)).astype(np.float32)
-    halves, outside = counted(lattice, found.views, votes, np.stack([_beyond(d) for d in found.drawn]))
+    halves, outside = counted(lattice, found.views, votes, np.stack([beyond_band(d) for d in found.drawn]))
     full = generate_binary_structure(3, 3)
     piece, number = label((halves.sum(0) > 0) & outside & ~_near(lattice, standing), full)
     count = np.bincount(piece.ravel(), minlength=number + 1)
@@ -122,13 +123,6 @@ def missing_parts(
             # features are looked for on it, and cubes face along their axes only
             out.append(Part(fair(vertices, faces, np.zeros(len(vertices), bool), FAIR), faces, gain))
     return out
-
-
-def _beyond(drawn: np.ndarray) -> np.ndarray:
-    """(h, w) bool: pixels off a drawn silhouette and off the band about it."""
-    import cv2
-
-    return np.asarray(cv2.distanceTransform((~drawn).astype(np.uint8), cv2.DIST_L2, 5) > band(drawn))
 
 
 def _near(lattice: Lattice, xyz: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from massprops.capture.colours import BINS, colour_cells
-from massprops.capture.from_shape import BAND, LEAST_BAND, equivalent_diameter
+from massprops.capture.from_shape import equivalent_diameter, outline_band
 from massprops.capture.support_picture import Grid, SupportPicture, grid_about, picture_of_support
 from massprops.capture.votes import Evidence
 from massprops.documents.arrays import open_arrays
@@ -184,7 +184,7 @@ class Looked:
 
     def near(self, i: int) -> np.ndarray:
         """(h, w) bool: where the object may hide the support in view i, or another thing does."""
-        return _grown(self.drawn[i], band(self.drawn[i])) | self.others[i]
+        return _grown(self.drawn[i], outline_band(self.drawn[i])) | self.others[i]
 
 
 def wide_picture(seen: Looked) -> SupportPicture:
@@ -280,7 +280,7 @@ def learned(seen: Looked, pictures: tuple[SupportPicture, ...]) -> SupportEviden
     for i, (d, beside) in enumerate(zip(seen.drawn, seen.others, strict=True)):
         off, scatter = off_of(pictures, seen.views, i, seen.image(i))
         known = np.isfinite(off) & ~beside
-        deep = cv2.distanceTransform(d.astype(np.uint8), cv2.DIST_L2, 5) > band(d)
+        deep = cv2.distanceTransform(d.astype(np.uint8), cv2.DIST_L2, 5) > outline_band(d)
         far = cv2.distanceTransform((~d).astype(np.uint8), cv2.DIST_L2, 5) > FREE * equivalent_diameter(d)
         inside.append((off[known & deep], scatter[known & deep]))
         free.append((off[known & far], scatter[known & far]))
@@ -296,11 +296,6 @@ def drawn_in(views: Views, i: int, vertices: np.ndarray, faces: np.ndarray) -> n
     """(h, w) bool: silhouette of a mesh in view i."""
     size = (int(views.size[i, 0]), int(views.size[i, 1]))
     return silhouette(vertices, faces, views.K[i], views.R[i], views.t[i], size)
-
-
-def band(drawn: np.ndarray) -> int:
-    """Pixels about a drawn silhouette that the image itself decides."""
-    return max(LEAST_BAND, round(BAND * equivalent_diameter(drawn)))
 
 
 def _grown(mask: np.ndarray, pixels: int) -> np.ndarray:
