@@ -142,8 +142,8 @@ def drawn_silhouette(image: np.ndarray, views: Views, i: int, shown: Visible) ->
         known = replace(known, surely=known.surely & sure)
     evidence = None if shown.support is None else shown.support.log_odds(views, i, image)
     if evidence is not None:
-        # a table shines: far off the shape, what differs from it is something only where all images have shown a part
-        far = beyond_band(known.drawn) if shown.measured is None else np.zeros_like(known.drawn)
+        # a table shines, so that far off the shape nothing needs to stand where it looks different
+        far = beyond_band(known.drawn)
         known = replace(known, evidence=np.where(far, np.minimum(evidence, 0.0), evidence))
     solid = refine(image, known)
     mask = np.where(solid, 255, 0).astype(np.uint8)
