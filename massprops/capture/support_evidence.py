@@ -114,15 +114,10 @@ class SupportEvidence:
 
     def save(self, path: Path) -> None:
         """Writes one `.npz`."""
-        arrays = {f"{name}{k}": a for k, p in enumerate(self.pictures) for name, a in p.arrays().items()}
-        np.savez(
-            path,
-            names=np.array(self.names),
-            log_odds=self.evidence.log_odds,
-            standing=self.standing,
-            pixel=self.pixel,
-            **arrays,
-        )
+        held = {f"{name}{k}": a for k, p in enumerate(self.pictures) for name, a in p.arrays().items()}
+        held |= {"names": np.array(self.names), "log_odds": self.evidence.log_odds}
+        held |= {"standing": self.standing, "pixel": np.array(self.pixel)}
+        np.savez(path, **held)  # type: ignore[arg-type]
 
     @staticmethod
     def load(path: Path) -> SupportEvidence:

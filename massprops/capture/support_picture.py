@@ -103,8 +103,10 @@ class SupportPicture:
     @staticmethod
     def of_arrays(held: Mapping[str, np.ndarray], suffix: str = "") -> SupportPicture:
         """From what `arrays` gave, under names with a suffix."""
-        grid = Grid(*(held[k + suffix] for k in ("origin", "first", "second")), int(held["count" + suffix]))
-        return SupportPicture(grid, *(held[k + suffix] for k in ("colour", "scatter", "light")))
+        origin, first, second, colour, scatter, light = (
+            held[k + suffix] for k in ("origin", "first", "second", "colour", "scatter", "light")
+        )
+        return SupportPicture(Grid(origin, first, second, int(held["count" + suffix])), colour, scatter, light)
 
     def off(self, views: Views, i: int, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(h, w) float32: how far each pixel of view i is from the support's colour behind it, in its scatters, and that
