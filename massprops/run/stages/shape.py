@@ -60,7 +60,13 @@ def run(job: Job) -> dict[str, Any]:
     Footage whose silhouettes the capture stage knows needs none of it: then only shape.json is written. A body that turns
     before a still background may stand on a turntable, whose plate the capture stage cannot tell from it.
     """
-    from massprops.capture.placements import agreed_between_pauses, fill_undecided, find_placements, given_placements
+    from massprops.capture.placements import (
+        agreed_between_pauses,
+        fill_undecided,
+        find_placements,
+        given_placements,
+        small_ones_filled,
+    )
     from massprops.dense.region import region_of
     from massprops.run.completion import completed
 
@@ -82,6 +88,8 @@ def run(job: Job) -> dict[str, Any]:
         sparse.xyz, sparse.obs_view, sparse.obs_point, views.centres, region, job.seed, times
     )
     label = fill_undecided(divided.label, times)
+    if not given:
+        label = small_ones_filled(label, times, LEAST_VIEWS)
     if not given and not divided.known and not label.any():
         label = _divided_by_occlusion(job, views, sparse, region, times)
     placements, lost = _solved(job, views, sparse, label, pointed)
