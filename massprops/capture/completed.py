@@ -15,7 +15,7 @@ from massprops.capture.from_shape import beyond_band
 from massprops.capture.occlusion import boundary_of
 from massprops.capture.support_evidence import Looked, drawn_in, learned, wide_picture
 from massprops.capture.support_picture import SupportPicture
-from massprops.capture.votes import Evidence, Lattice, counted, lattice_on, vote
+from massprops.capture.votes import Lattice, counted, lattice_on, vote
 from massprops.surface.refine import fair
 from massprops.views import Views
 
@@ -38,14 +38,13 @@ class PlacementEvidence:
 
     Attributes:
         seen: the images.
-        picture: of the support; evidence: what differs from it says.
+        picture: of the support.
         log_odds: (n, h, w) float32 of something before the support; 0 where nothing is known.
         drawn: (n, h, w) bool, silhouettes of the measured shape.
     """
 
     seen: Looked
     picture: SupportPicture
-    evidence: Evidence
     log_odds: np.ndarray
     drawn: np.ndarray
 
@@ -57,15 +56,12 @@ class PlacementEvidence:
 
 def evidence_of(seen: Looked) -> PlacementEvidence:
     """What the images show beside a measured shape."""
-    import cv2
-
     picture = wide_picture(seen)
-    evidence = learned(seen, (picture,)).evidence
-    log_odds = []
-    for i, beside in enumerate(seen.others):
-        odds = np.where(beside, 0.0, evidence.of(*picture.off(seen.views, i, seen.image(i))))
-        log_odds.append(cv2.blur(odds.astype(np.float32), (3, 3)))
-    return PlacementEvidence(seen, picture, evidence, _stacked(log_odds, 0.0), _stacked(seen.drawn, False))
+    said = learned(seen, (picture,))
+    odds = [said.log_odds(seen.views, i, seen.image(i)) for i in range(len(seen.views))]
+    return PlacementEvidence(
+        seen, picture, _stacked([o for o in odds if o is not None], 0.0), _stacked(seen.drawn, False)
+    )
 
 
 def _stacked(maps: list[np.ndarray], beyond: float) -> np.ndarray:
