@@ -7,29 +7,23 @@ the support all the same.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from massprops.capture.from_shape import BAND, LEAST_BAND, equivalent_diameter
+from massprops.capture.from_shape import beyond_band
 from massprops.capture.occlusion import boundary_of
-from massprops.capture.support_picture import SupportPicture, grid_about, picture_of_support
-from massprops.capture.votes import Evidence, Lattice, counted, lattice_on, vote
-from massprops.geometry.rasterise import silhouette
+from massprops.capture.support_evidence import Looked, drawn_in, learned, wide_picture
+from massprops.capture.support_picture import SupportPicture
+from massprops.capture.votes import Lattice, counted, lattice_on, vote
 from massprops.surface.refine import fair
 from massprops.views import Views
 
 WIDER = 2.0
 """Size of the space that is searched, over that of the measured shape."""
-PICTURED = 2.0
-"""Half the side of the picture of the support, over that of the space: what lies behind it in low images."""
-MOST_PLACES, MOST_CUBES = 560, 2_500_000
+MOST_CUBES = 2_500_000
 CUBE = 1.5
 """Side of a cube [px]."""
-FREE = 0.2
-"""Distance from the measured silhouette, in its equivalent diameters, from which on pixels are free of the object for
-learning, but for a part that it lacks."""
 BESIDE = 3.0
 """Cubes this near to a point of something else that stands there are its own [cubes]."""
 LEAST_CUBES, FAIR = 30, 10
@@ -43,67 +37,31 @@ class PlacementEvidence:
     """What n images say of one placement.
 
     Attributes:
-        views: n views, in the size in which they are looked at.
-        picture: of the support; evidence: what differs from it says.
+        seen: the images.
+        picture: of the support.
         log_odds: (n, h, w) float32 of something before the support; 0 where nothing is known.
         drawn: (n, h, w) bool, silhouettes of the measured shape.
     """
 
-    views: Views
+    seen: Looked
     picture: SupportPicture
-    evidence: Evidence
     log_odds: np.ndarray
     drawn: np.ndarray
 
-
-def evidence_of(
-    views: Views,
-    image: Callable[[int], np.ndarray],
-    plane: np.ndarray,
-    shape: tuple[np.ndarray, np.ndarray],
-    standing: np.ndarray,
-    pixel: float,
-) -> PlacementEvidence:
-    """What the images show beside a measured shape.
-
-    Args:
-        views: n views; image: `image(i)` is (h, w, 3) uint8, undistorted.
-        plane: (4,) support; shape: vertices (v, 3) and faces (f, 3).
-        standing: (m, 3) points of other things that stand on the support.
-        pixel: at the object.
-    """
-    import cv2
-
-    vertices, faces = shape
-    drawn = [_drawn(views, i, vertices, faces) for i in range(len(views))]
-    near = [cv2.dilate(d.astype(np.uint8), np.ones((3, 3), np.uint8), iterations=_band(d)) > 0 for d in drawn]
-    others = [_dots(standing, views, i) for i in range(len(views))]
-    low, high = vertices.min(0), vertices.max(0)
-    reach = PICTURED * WIDER * 0.5 * float(np.linalg.norm(high - low))
-    grid = grid_about(plane, 0.5 * (low + high), reach, pixel, MOST_PLACES)
-    picture = picture_of_support(views, image, grid, lambda i: near[i] | others[i])
-    off = [picture.off(views, i, image(i)) for i in range(len(views))]
-    inside, free = [], []
-    for d, (o, scatter), beside in zip(drawn, off, others, strict=True):
-        known = np.isfinite(o) & ~beside
-        deep = cv2.distanceTransform(d.astype(np.uint8), cv2.DIST_L2, 5) > _band(d)
-        far = cv2.distanceTransform((~d).astype(np.uint8), cv2.DIST_L2, 5) > FREE * equivalent_diameter(d)
-        inside.append((o[known & deep], scatter[known & deep]))
-        free.append((o[known & far], scatter[known & far]))
-    evidence = Evidence.learn(_pooled(inside), _pooled(free))
-    odds = [np.where(beside, 0.0, evidence.of(*o)) for o, beside in zip(off, others, strict=True)]
-    log_odds = [cv2.blur(o.astype(np.float32), (3, 3)) for o in odds]
-    return PlacementEvidence(views, picture, evidence, _stacked(log_odds, 0.0), _stacked(drawn, False))
+    @property
+    def views(self) -> Views:
+        """Of the images, in the size in which they are looked at."""
+        return self.seen.views
 
 
-def _pooled(pixels: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
-    return np.concatenate([a for a, _ in pixels]), np.concatenate([b for _, b in pixels])
-
-
-def _drawn(views: Views, i: int, vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(h, w) bool: silhouette of a mesh in view i."""
-    size = (int(views.size[i, 0]), int(views.size[i, 1]))
-    return silhouette(vertices, faces, views.K[i], views.R[i], views.t[i], size)
+def evidence_of(seen: Looked) -> PlacementEvidence:
+    """What the images show beside a measured shape."""
+    picture = wide_picture(seen)
+    said = learned(seen, (picture,))
+    odds = [said.log_odds(seen.views, i, seen.image(i)) for i in range(len(seen.views))]
+    return PlacementEvidence(
+        seen, picture, _stacked([o for o in odds if o is not None], 0.0), _stacked(seen.drawn, False)
+    )
 
 
 def _stacked(maps: list[np.ndarray], beyond: float) -> np.ndarray:
@@ -112,25 +70,6 @@ def _stacked(maps: list[np.ndarray], beyond: float) -> np.ndarray:
     return np.stack([
         np.pad(m, ((0, h - m.shape[0]), (0, w - m.shape[1])), constant_values=beyond) for m in maps
     ])  # fmt: skip
-
-
-def _band(drawn: np.ndarray) -> int:
-    """Pixels about a drawn silhouette that the image itself decides."""
-    return max(LEAST_BAND, round(BAND * equivalent_diameter(drawn)))
-
-
-def _dots(xyz: np.ndarray, views: Views, i: int) -> np.ndarray:
-    """(h, w) bool: pixels of view i about the projections of points (m, 3)."""
-    import cv2
-
-    size = (int(views.size[i, 0]), int(views.size[i, 1]))
-    out = np.zeros(size[::-1], np.uint8)
-    camera = xyz @ views.R[i].T + views.t[i]
-    camera = camera[camera[:, 2] > 1e-9]
-    at = np.rint(camera[:, :2] / camera[:, 2:] @ views.K[i, :2, :2].T + views.K[i, :2, 2]).astype(int)
-    at = at[((at >= 0) & (at < size)).all(1)]
-    out[at[:, 1], at[:, 0]] = 1
-    return np.asarray(cv2.dilate(out, np.ones((9, 9), np.uint8)) > 0)
 
 
 @dataclass(frozen=True)
@@ -163,7 +102,7 @@ def missing_parts(
     lattice = lattice_on(plane, vertices, WIDER, CUBE * pixel, MOST_CUBES)
     # what falls on the measured shape may be hidden by that alone
     votes = np.where(found.drawn, 0.0, vote(found.log_odds)).astype(np.float32)
-    halves, outside = counted(lattice, found.views, votes, np.stack([_beyond(d) for d in found.drawn]))
+    halves, outside = counted(lattice, found.views, votes, np.stack([beyond_band(d) for d in found.drawn]))
     full = generate_binary_structure(3, 3)
     piece, number = label((halves.sum(0) > 0) & outside & ~_near(lattice, standing), full)
     count = np.bincount(piece.ravel(), minlength=number + 1)
@@ -180,13 +119,6 @@ def missing_parts(
             # features are looked for on it, and cubes face along their axes only
             out.append(Part(fair(vertices, faces, np.zeros(len(vertices), bool), FAIR), faces, gain))
     return out
-
-
-def _beyond(drawn: np.ndarray) -> np.ndarray:
-    """(h, w) bool: pixels off a drawn silhouette and off the band about it."""
-    import cv2
-
-    return np.asarray(cv2.distanceTransform((~drawn).astype(np.uint8), cv2.DIST_L2, 5) > _band(drawn))
 
 
 def _near(lattice: Lattice, xyz: np.ndarray) -> np.ndarray:
@@ -206,6 +138,6 @@ def _gain(found: PlacementEvidence, i: int, lattice: Lattice, solid: np.ndarray)
     if not solid.any():
         return 0.0
     vertices, faces = boundary_of(lattice.origin, lattice.steps, solid)
-    drawn = _drawn(found.views, i, vertices, faces)
+    drawn = drawn_in(found.views, i, vertices, faces)
     h, w = drawn.shape
     return float(found.log_odds[i, :h, :w][drawn & ~found.drawn[i, :h, :w]].sum())

@@ -77,8 +77,7 @@ def trimap(depth: np.ndarray, uv: np.ndarray, z: np.ndarray, shows: np.ndarray, 
 
     h, w = depth.shape
     drawn = np.isfinite(depth)
-    size = equivalent_diameter(drawn)
-    band = max(LEAST_BAND, round(BAND * size))
+    size, band = equivalent_diameter(drawn), outline_band(drawn)
     j, i = np.rint(uv).astype(int).T
     inside = (i >= 0) & (j >= 0) & (i < h) & (j < w)
     i, j, z, shows = i[inside], j[inside], z[inside], shows[inside]
@@ -167,6 +166,18 @@ def far_from(depth: np.ndarray) -> np.ndarray:
         return np.ones(depth.shape, bool)
     away = cv2.distanceTransform((~drawn).astype(np.uint8), cv2.DIST_L2, 5)
     return np.asarray(away > 2 * UNKNOWN * equivalent_diameter(drawn))
+
+
+def outline_band(drawn: np.ndarray) -> int:
+    """Pixels about a drawn silhouette that the image itself decides."""
+    return max(LEAST_BAND, round(BAND * equivalent_diameter(drawn)))
+
+
+def beyond_band(drawn: np.ndarray) -> np.ndarray:
+    """(h, w) bool: pixels off a drawn silhouette and off the band about it."""
+    import cv2
+
+    return np.asarray(cv2.distanceTransform((~drawn).astype(np.uint8), cv2.DIST_L2, 5) > outline_band(drawn))
 
 
 def equivalent_diameter(mask: np.ndarray) -> float:

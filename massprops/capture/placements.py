@@ -166,6 +166,22 @@ def fill_undecided(label: np.ndarray, timestamp_ns: np.ndarray | None = None) ->
     return out
 
 
+def small_ones_filled(label: np.ndarray, timestamp_ns: np.ndarray | None, least: int) -> np.ndarray:
+    """Labels (n,) in which placements of fewer than `least` images are undecided, and given to their neighbours as in `fill_undecided`.
+
+    A few images of a plain side share hardly a feature with the rest, and are no placement: nobody turns an object over and back
+    between them. Where the neighbours do not agree their label stays.
+    """
+    count = np.bincount(label[label >= 0], minlength=1)
+    small = (label >= 0) & (count[label] < least)
+    if not small.any() or not (count >= least).any():
+        return label
+    filled = fill_undecided(np.where(small, -1, label), timestamp_ns)
+    out = np.where(small & (filled < 0), label, np.where(small, filled, label))
+    out[out >= 0] = np.unique(out[out >= 0], return_inverse=True)[1]
+    return np.asarray(out)
+
+
 def agreed_between_pauses(label: np.ndarray, other: np.ndarray, timestamp_ns: np.ndarray | None) -> np.ndarray:
     """Labels `other` (n,), in the order of capture, but one label for images between two long pauses that had one before: what most have.
 

@@ -7,15 +7,13 @@ the picture in an image stands on the support, however dark, thin or plain it is
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from numba import njit
 
 from massprops.capture.support import axes
-from massprops.documents.arrays import open_arrays
 from massprops.views import Views
 
 Array = np.ndarray
@@ -39,6 +37,15 @@ class Grid:
     first: np.ndarray
     second: np.ndarray
     count: int
+
+    @property
+    def step(self) -> float:
+        """Between places."""
+        return float(np.linalg.norm(self.first))
+
+    def moved(self, R: np.ndarray, t: np.ndarray) -> Grid:
+        """The same after x -> R x + t."""
+        return Grid(R @ self.origin + t, R @ self.first, R @ self.second, self.count)
 
     def homography(self, views: Views, i: int) -> np.ndarray:
         """(3, 3) from a place (column, row, 1) to the homogeneous pixel of view i."""
@@ -88,17 +95,18 @@ class SupportPicture:
         """The picture for image i alone."""
         return replace(self, light=self.light[i : i + 1])
 
-    def save(self, path: Path) -> None:
-        """Writes one `.npz`."""
-        grid = {k: getattr(self.grid, k) for k in ("origin", "first", "second", "count")}
-        np.savez(path, **grid, colour=self.colour, scatter=self.scatter, light=self.light)
+    def arrays(self) -> dict[str, np.ndarray]:
+        """All of it, by name."""
+        grid = {k: np.asarray(getattr(self.grid, k)) for k in ("origin", "first", "second", "count")}
+        return grid | {"colour": self.colour, "scatter": self.scatter, "light": self.light}
 
     @staticmethod
-    def load(path: Path) -> SupportPicture:
-        """Reads what `save` wrote."""
-        with open_arrays(path) as z:
-            grid = Grid(z["origin"], z["first"], z["second"], int(z["count"]))
-            return SupportPicture(grid, z["colour"], z["scatter"], z["light"])
+    def of_arrays(held: Mapping[str, np.ndarray], suffix: str = "") -> SupportPicture:
+        """From what `arrays` gave, under names with a suffix."""
+        origin, first, second, colour, scatter, light = (
+            held[k + suffix] for k in ("origin", "first", "second", "colour", "scatter", "light")
+        )
+        return SupportPicture(Grid(origin, first, second, int(held["count" + suffix])), colour, scatter, light)
 
     def off(self, views: Views, i: int, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(h, w) float32: how far each pixel of view i is from the support's colour behind it, in its scatters, and that

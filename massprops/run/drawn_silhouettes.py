@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from massprops.capture.before import hidden_share
 from massprops.capture.from_shape import (
     Paint,
     Trimap,
+    beyond_band,
     far_from,
     refine,
     share_covered,
@@ -22,8 +24,13 @@ from massprops.capture.from_shape import (
 from massprops.geometry.projection import project
 from massprops.views import Views
 
+if TYPE_CHECKING:
+    from massprops.capture.support_evidence import SupportEvidence
+
 DRAWN = "drawn from the shape, refined by the images"
 """How silhouettes were found, as `silhouettes.json` says it, where nothing but the shape told of them."""
+EVIDENCE = "support.evidence.npz"
+"""File of a placement's `SupportEvidence`."""
 MARGIN_PX = 2
 """A point this near to a silhouette may belong to it."""
 
@@ -38,6 +45,7 @@ class Visible:
         other, other_colour: (m, 3) those of what is not the object.
         painted: colours of the object, which tell what a silhouette may lack; None where none was measured.
         closed: the shape is the body's whole surface.
+        support: what all images say of what is before the support; None of a thing that stands on none.
     """
 
     vertices: np.ndarray
@@ -49,11 +57,13 @@ class Visible:
     other_colour: np.ndarray
     painted: Paint | None = None
     closed: bool = False
+    support: SupportEvidence | None = None
 
     def moved(self, R: np.ndarray, t: np.ndarray) -> Visible:
         """The same after x -> R x + t."""
         vertices, own, other = (x @ R.T + t for x in (self.vertices, self.own, self.other))
-        return replace(self, vertices=vertices, own=own, other=other)
+        support = None if self.support is None else self.support.moved(R, t)
+        return replace(self, vertices=vertices, own=own, other=other, support=support)
 
     def with_shape(self, other: Visible) -> Visible:
         """The same with another placement's shape of the object put to its own."""
@@ -82,7 +92,10 @@ def scene_in(folder: Path, painted: Paint | None) -> Visible:
     with np.load(folder / "shape.npz", allow_pickle=False) as z:
         vertices, faces = z["vertices"], z["faces"]
         measured = faces[: int(z["measured"])] if "measured" in z.files else None
-    return Visible(vertices, faces, measured, *own_points(folder), *surroundings(folder), painted)
+    from massprops.capture.support_evidence import SupportEvidence
+
+    support = SupportEvidence.load(folder / EVIDENCE) if (folder / EVIDENCE).is_file() else None
+    return Visible(vertices, faces, measured, *own_points(folder), *surroundings(folder), painted, support=support)
 
 
 def own_points(folder: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -103,15 +116,12 @@ def surroundings(folder: Path) -> tuple[np.ndarray, np.ndarray]:
         return np.concatenate([xyz, z["xyz"]]), np.concatenate([colour, z["colour"]])
 
 
-def drawn_silhouette(
-    image: np.ndarray, views: Views, i: int, shown: Visible, evidence: np.ndarray | None = None
-) -> tuple[np.ndarray, Trimap, float]:
+def drawn_silhouette(image: np.ndarray, views: Views, i: int, shown: Visible) -> tuple[np.ndarray, Trimap, float]:
     """The silhouette (h, w) uint8 of view i without its lens's distortion: 255 object, 0 background, 128 perhaps; what was
     known of its pixels before; and the share of the object's points that something hides.
 
     Args:
         image: (h, w, 3) uint8 of that view.
-        evidence: (h, w) of `Trimap`, where all images tell what is before the support.
     """
     from massprops.geometry.rasterise import rasterise
 
@@ -129,7 +139,12 @@ def drawn_silhouette(
     if shown.measured is not None:
         # what the votes of all images put to the shape is a hull, and no point of it is sure
         sure = np.isfinite(rasterise(shown.vertices, shown.measured, K, R, t, size)[0])
-        known = replace(known, surely=known.surely & sure, evidence=evidence)
+        known = replace(known, surely=known.surely & sure)
+    evidence = None if shown.support is None else shown.support.log_odds(views, i, image)
+    if evidence is not None:
+        # a table shines, so that far off the shape nothing needs to stand where it looks different
+        far = beyond_band(known.drawn)
+        known = replace(known, evidence=np.where(far, np.minimum(evidence, 0.0), evidence))
     solid = refine(image, known)
     mask = np.where(solid, 255, 0).astype(np.uint8)
     if shown.painted is not None:

@@ -10,14 +10,14 @@ from .73 to .84 in the worst, and of a chair and a shoe it is the same to .001.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from massprops.core.files import write_image
-from massprops.run.drawn_silhouettes import DRAWN, Visible, drawn_silhouette, learned_paint, outside, scene_in, stored
+from massprops.run.drawn_silhouettes import DRAWN, Visible, drawn_silhouette, outside, stored
 from massprops.run.job import Job
+from massprops.run.placement_scenes import scene_by_view
 from massprops.run.stage_images import undistorted_frame
 from massprops.views import Views
 
@@ -58,27 +58,7 @@ def silhouettes_again(
         before: (h, w) uint8, undistorted; points: (n, 3) measured ones.
     """
     some = points[:: max(1, len(points) // TESTED)]
-    for done, (i, shown) in enumerate(_scene_by_view(job, views)):
+    for done, (i, shown) in enumerate(scene_by_view(job, views)):
         whole = replace(shown, vertices=mesh[0], faces=mesh[1], measured=None, painted=None, closed=True)
         redrawn(job, views, i, whole, before[i], some, -MISSES_MORE)
         job.progress(done + 1, len(views), "silhouettes again")
-
-
-def _scene_by_view(job: Job, views: Views) -> Iterator[tuple[int, Visible]]:
-    """Views by number, each with what its placement shows, carried to where the placement was joined."""
-    from massprops.run.stages.shape import measured_folders, placement_folder
-
-    work, alone = job.work("shape"), Views.load(job.work("sfm") / "views.npz")
-    placements = json.loads((work / "shape.json").read_text())["placements"]
-    painted = learned_paint(measured_folders(work, placements))
-    row = {name: i for i, name in enumerate(alone.names)}
-    for k, placement in enumerate(placements):
-        names = set(placement["images"])
-        own = [i for i, name in enumerate(views.names) if name in names]
-        if not own:
-            continue
-        there = row[views.names[own[0]]]
-        move = views.move_from(own[0], alone.R[there], alone.t[there])
-        shown = scene_in(placement_folder(work, k), painted).moved(*move)
-        for i in own:
-            yield i, shown

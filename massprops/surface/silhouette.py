@@ -7,6 +7,7 @@ measured points themselves, which are known to exist, are spared.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -128,20 +129,34 @@ def shown_as_object(cloud: Cloud, views: Views, masks: list[np.ndarray]) -> np.n
     """
     import cv2
 
-    inside, said = np.zeros(len(cloud)), np.zeros(len(cloud))
+    maps = (
+        (cv2.distanceTransform((mask != 0).astype(np.uint8), cv2.DIST_L2, 5) > INSIDE).astype(np.float64)
+        if (mask == 255).any()
+        else None
+        for mask in masks
+    )
+    return mean_shown(cloud, views, maps) > 0.5
+
+
+def mean_shown(cloud: Cloud, views: Views, maps: Iterable[np.ndarray | None]) -> np.ndarray:
+    """(n,) mean of the views' maps at points over the views that they were measured in, 0 where none shows them.
+
+    Args:
+        cloud: its views index `views`; maps: (h, w) of each view, or None of one that says nothing.
+    """
+    total, said = np.zeros(len(cloud)), np.zeros(len(cloud))
     owner = np.repeat(np.arange(len(cloud)), np.diff(cloud.view_start))
-    for i, mask in enumerate(masks):
-        if not (mask == 255).any():
+    for i, shown in enumerate(maps):
+        if shown is None:
             continue
-        deep = cv2.distanceTransform((mask != 0).astype(np.uint8), cv2.DIST_L2, 5) > INSIDE
         own = owner[cloud.view_index == i]
         camera = cloud.xyz[own] @ views.R[i].T + views.t[i]
         own, camera = own[camera[:, 2] > 0], camera[camera[:, 2] > 0]
         uv = np.rint(camera[:, :2] / camera[:, 2:] @ views.K[i, :2, :2].T + views.K[i, :2, 2]).astype(int)
-        there = (uv >= 0).all(1) & (uv < mask.shape[::-1]).all(1)
+        there = (uv >= 0).all(1) & (uv < shown.shape[::-1]).all(1)
         said[own[there]] += 1
-        inside[own[there]] += deep[uv[there, 1], uv[there, 0]]
-    return inside > 0.5 * np.maximum(said, 1)
+        total[own[there]] += shown[uv[there, 1], uv[there, 0]]
+    return np.asarray(total / np.maximum(said, 1))
 
 
 def agreement(vertices: np.ndarray, faces: np.ndarray, views: Views, masks: list[np.ndarray]) -> np.ndarray:

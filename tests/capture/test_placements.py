@@ -12,6 +12,7 @@ from massprops.capture.placements import (
     divide_at_pauses,
     fill_undecided,
     find_placements,
+    small_ones_filled,
 )
 from massprops.dense.region import Region
 
@@ -162,3 +163,17 @@ def test_a_long_pause_divides_what_has_few_features_and_only_where_they_are_not_
     assert not divide_at_pauses(stood, direction, times).any()
     assert not divide_at_pauses(moved, direction, np.full(40, -1)).any(), "nobody knows when"
     assert not divide_at_pauses(moved * second[:, None], direction, times).any(), "one side shows nothing"
+
+
+def test_a_few_images_between_others_are_no_placement() -> None:
+    plain = np.array([0, 0, 0, 0, 2, 2, 0, 0, 0, 1, 1, 1, 0, 0, 0])
+    assert small_ones_filled(plain, None, 4).tolist() == [0] * len(plain)
+    turned = np.array([0, 0, 0, 0, 2, 2, 0, 0, 0, 1, 1, 1, 1, 1, 1])
+    assert small_ones_filled(turned, None, 4).tolist() == [0] * 9 + [1] * 6
+
+
+def test_a_few_images_stay_apart_where_their_neighbours_differ() -> None:
+    label = np.array([0, 0, 0, 0, 2, 2, 1, 1, 1, 1])
+    assert small_ones_filled(label, None, 4).tolist() == label.tolist()
+    alone = np.array([0, 0, 1, 1, 2, 2])
+    assert small_ones_filled(alone, None, 4).tolist() == alone.tolist()

@@ -53,7 +53,7 @@ def test_a_shadow_is_left_out_and_a_part_that_was_measured_is_not(
     image = [np.where(s[..., None], np.uint8([40, 40, 200]), np.uint8([120, 120, 120])) for s in seen]
     none = np.zeros((0, 3))
     shown = Visible(points, faces, None, points, np.tile([40, 40, 200], (len(points), 1)), none, none)
-    monkeypatch.setattr(silhouettes_again, "_scene_by_view", lambda job, views: ((i, shown) for i in range(3)))
+    monkeypatch.setattr(silhouettes_again, "scene_by_view", lambda job, views: ((i, shown) for i in range(3)))
     monkeypatch.setattr(silhouettes_again, "undistorted_frame", lambda job, views, i: image[i])
     job: Any = SimpleNamespace(out=tmp_path, progress=lambda *_: None)
     mesh = trimesh.creation.box(bounds=[[-1, -1, -1], [1, 1, -0.2 if lost else 1]])

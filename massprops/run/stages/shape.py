@@ -60,7 +60,11 @@ def run(job: Job) -> dict[str, Any]:
     Footage whose silhouettes the capture stage knows needs none of it: then only shape.json is written. A body that turns
     before a still background may stand on a turntable, whose plate the capture stage cannot tell from it.
     """
-    from massprops.capture.placements import agreed_between_pauses, fill_undecided, find_placements, given_placements
+    from massprops.capture.placements import (
+        fill_undecided,
+        find_placements,
+        given_placements,
+    )
     from massprops.dense.region import region_of
     from massprops.run.completion import completed
 
@@ -84,20 +88,11 @@ def run(job: Job) -> dict[str, Any]:
     label = fill_undecided(divided.label, times)
     if not given and not divided.known and not label.any():
         label = _divided_by_occlusion(job, views, sparse, region, times)
-    placements, lost = _solved(job, views, sparse, label, pointed)
-    if len(placements) > 1 and not given:
-        # the object's own features know better than what is hidden of a plain table
-        hidden = _relabelled(job, views, region, label, placements)
-        sure = divided.known & (divided.label >= 0)
-        better = agreed_between_pauses(label, np.where(sure, divided.label, hidden), times)
-        if not np.array_equal(better, label):
-            label = better
-            placements, lost = _solved(job, views, sparse, label, pointed)
-    if len(placements) > 1 and not given:
-        stood = _where_it_stood(job, views, region, label, placements)
-        if not np.array_equal(stood, label):
-            label = stood
-            placements, lost = _solved(job, views, sparse, label, pointed)
+    if given:
+        placements, lost = _solved(job, views, sparse, label, pointed)
+    else:
+        sure = np.where(divided.known, divided.label, -1)
+        label, placements, lost = _settled(job, views, sparse, (label, sure), times, pointed)
     if not placements:
         raise NotPossible(lost[0]["reason"])
     for k, placement in enumerate(placements):
@@ -111,6 +106,52 @@ def run(job: Job) -> dict[str, Any]:
             + f" the object in a placement that could not be solved: {gone['reason']}"
         )
     return _said(job, {"placements": placements, "lost": lost})
+
+
+Solved = tuple[list[dict[str, Any]], list[dict[str, Any]]]
+"""Each placement's shape, and those that could not be had, for `shape.json`."""
+
+
+def _settled(
+    job: Job,
+    views: Views,
+    sparse: SparsePoints,
+    labels: tuple[np.ndarray, np.ndarray],
+    times: np.ndarray,
+    pointed: list[Located],
+) -> tuple[np.ndarray, *Solved]:
+    """Labels (n,) on which features and shapes agree, and the placements under them.
+
+    Args:
+        labels: (n,) as they are at first, and (n,) those that the object's own features make sure, -1 elsewhere.
+        times: (n,) when each image was taken.
+    """
+    from massprops.capture.placements import agreed_between_pauses, small_ones_filled
+    from massprops.dense.region import region_of
+
+    label, sure = labels
+    region = region_of(views)
+
+    def by_features(label: np.ndarray, placements: list[dict[str, Any]]) -> np.ndarray:
+        # the object's own features know better than what is hidden of a plain table
+        hidden = _relabelled(job, views, region, label, placements)
+        return agreed_between_pauses(label, np.where(sure >= 0, sure, hidden), times)
+
+    def by_place(label: np.ndarray, placements: list[dict[str, Any]]) -> np.ndarray:
+        return _where_it_stood(job, views, region, label, placements)
+
+    placements, lost = _solved(job, views, sparse, label, pointed)
+    for better in (by_features, by_place):
+        if len(placements) > 1:
+            found = better(label, placements)
+            if not np.array_equal(found, label):
+                label = found
+                placements, lost = _solved(job, views, sparse, label, pointed)
+    filled = small_ones_filled(label, times, LEAST_VIEWS)
+    if not np.array_equal(filled, label):
+        label = filled
+        placements, lost = _solved(job, views, sparse, label, pointed)
+    return label, placements, lost
 
 
 def _by_room(job: Job, footage: dict[str, Any]) -> bool:
@@ -171,9 +212,7 @@ def _divided_by_occlusion(
     return divide_by_occlusion(voxels(views, maps, plane, region, COARSE), maps, times)
 
 
-def _solved(
-    job: Job, views: Views, sparse: SparsePoints, label: np.ndarray, pointed: list[Located]
-) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+def _solved(job: Job, views: Views, sparse: SparsePoints, label: np.ndarray, pointed: list[Located]) -> Solved:
     """Each placement's shape, and those that could not be had, for `shape.json`."""
     placements: list[dict[str, Any]] = []
     lost: list[dict[str, Any]] = []

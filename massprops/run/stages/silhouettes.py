@@ -16,7 +16,6 @@ from massprops.core.inputs import read_image
 from massprops.core.parts import Arrays
 from massprops.core.text import counted
 from massprops.errors import NotPossible
-from massprops.run.completion import shown_beside
 from massprops.run.drawn_silhouettes import DRAWN, drawn_silhouette, learned_paint, scene_in, stored
 from massprops.run.job import Job
 from massprops.run.stage_images import undistorted_frame
@@ -152,15 +151,14 @@ def _placement(
     folder = placement_folder(job.work("shape"), number)
     shown = scene_in(folder, painted)
 
-    def silhouette(i: int, place: int) -> Arrays:
-        evidence = None if shown.measured is None else shown_beside(job, views, folder, i, place)
-        mask, known, hidden = drawn_silhouette(undistorted_frame(job, views, i), views, i, shown, evidence)
+    def silhouette(i: int) -> Arrays:
+        mask, known, hidden = drawn_silhouette(undistorted_frame(job, views, i), views, i, shown)
         agreement = overlap(mask == 255, known.drawn)
         return {"mask": mask, "overlap": np.array(agreement), "hidden": np.array(hidden)}
 
     hidden, out = np.zeros(len(index)), []
     for done, i in enumerate(index):
-        found = job.parts.made(f"silhouette {number} {views.names[i]}", partial(silhouette, i, done))
+        found = job.parts.made(f"silhouette {number} {views.names[i]}", partial(silhouette, i))
         hidden[done] = found["hidden"]
         out.append((found["mask"], float(found["overlap"])))
         job.progress(before + done + 1, len(views), "silhouettes")

@@ -103,7 +103,7 @@ def run(job: Job) -> dict[str, Any]:
     views = Views.load(job.work("join") / "views.npz")
     place = json.loads((job.work("join") / "join.json").read_text())
     footage = json.loads((job.work("capture") / "footage.json").read_text())
-    cloud, table = _without_support(Cloud.load(job.work("dense") / "points.npz"), place)
+    cloud, table = _without_support(job, views, Cloud.load(job.work("dense") / "points.npz"), place)
     # what turns on a support is no free body: other things may stand there
     free = footage["motion"] == "tumbling" and place["support_plane"] is None
     masks = [undistorted_mask(job, views, i) for i in range(len(views))]
@@ -286,18 +286,18 @@ def _joints(place: dict[str, Any]) -> list[Joint]:
     ]
 
 
-def _without_support(cloud: Cloud, place: dict[str, Any]) -> tuple[Cloud, Cloud]:
-    """The body's points, and those of the plane it stands on; `place` is `join.json`.
+def _without_support(job: Job, views: Views, cloud: Cloud, place: dict[str, Any]) -> tuple[Cloud, Cloud]:
+    """The body's points, and those of what it stands on; `place` is `join.json`.
 
     A silhouette may take in the shadow at the object's foot. Stereo measures the plane there all the same, and its lines
     of sight say that nothing is above it.
     """
     from massprops.capture.support import on_plane
+    from massprops.run.placement_scenes import shown_as_support
 
-    rise = place.get("support_rise")
-    if rise is None or not len(cloud):
-        return cloud, cloud.take(np.zeros(0, int))
-    flat = on_plane(cloud.xyz, cloud.normal, np.array(place["support_plane"], float), float(rise))
+    flat, rise = shown_as_support(job, views, cloud), place.get("support_rise")
+    if rise is not None and len(cloud):
+        flat |= on_plane(cloud.xyz, cloud.normal, np.array(place["support_plane"], float), float(rise))
     return cloud.take(np.flatnonzero(~flat)), cloud.take(np.flatnonzero(flat))
 
 
@@ -338,6 +338,7 @@ def _opened(surface: Surface, views: Views, grey: list[np.ndarray]) -> tuple[Sur
     """The surface with the holes opened that go through it, and what else may be holes; grey: undistorted images (h, w)."""
     from massprops.surface.holes import dark_places, straight_behind
     from massprops.surface.through_holes import opened, through_holes
+    from massprops.surface.touching import parted
 
     places = dark_places(surface, views, grey)
     tubes, left = through_holes(surface, places)
@@ -345,6 +346,7 @@ def _opened(surface: Surface, views: Views, grey: list[np.ndarray]) -> tuple[Sur
     if rest is None:
         return surface, _Holes(len(places), straight_behind(surface, places), 0, 0.0, np.zeros(10))
     vertices, faces, observed, inferred = rest
+    vertices = parted(vertices, faces)
     taken = float(mesh_integrals(surface.vertices, surface.faces)[0] - mesh_integrals(vertices, faces)[0])
     holes = _Holes(
         len(left), straight_behind(surface, left), len(tubes), taken, np.sum([tube.unsure for tube in tubes], axis=0)
