@@ -217,3 +217,22 @@ def test_a_fall_within_its_scatter_is_none():
     assert falls(before, before - 0.05, held)
     # half of the images gain and half lose: no evidence, however many observations there are
     assert not falls(before, before + np.where(held.image % 2, 0.2, -0.21), held)
+
+
+def test_k1_is_asked_of_its_own_likelihood():
+    from massprops.sfm.lens import k1_evidence
+
+    assert k1_evidence(0.03, 0.005) > 5
+    assert k1_evidence(0.0, 0.002) < -2
+    assert abs(k1_evidence(0.3, 1.0)) < 0.1
+
+
+@pytest.mark.parametrize("k1", [-0.05, 0.05])
+def test_a_weak_lens_does_not_pass_for_another_focal_length(k1):
+    """Features about the middle alone: errors held out say nothing of k1, which the focal length stands in for."""
+    model = pictured([(k1, 0, 0, 0, 1.0)], reach=1.3, noise=0.1, n=24, m=400)
+    found = chosen(model)
+    camera = model.cameras[1]
+    assert found.lenses[1].model == ONE
+    assert camera.params[3] == pytest.approx(k1, abs=4 * found.precision.distortion)
+    assert abs(camera.params[0] / FOCAL - 1) < 4 * found.precision.focal_relative
