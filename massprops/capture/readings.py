@@ -308,7 +308,8 @@ def lowest_support(scene: Scene, plane: np.ndarray, seed: int = 0) -> np.ndarray
 
 
 def stand_top(scene: Scene, member: np.ndarray, plane: np.ndarray | None, seed: int = 0) -> Top | None:
-    """The level within a piece on which something else may stand, one of another colour first; None where there is none.
+    """The level within a piece on which something else may stand, one of another colour first, then one that is no moulding; None where
+    there is none.
 
     Args:
         scene: the points; member: (n,) bool, the piece.
@@ -343,8 +344,10 @@ def stand_top(scene: Scene, member: np.ndarray, plane: np.ndarray | None, seed: 
         if _carried(scene, own, rise, step, top):
             worth = float(upper.mean() * lower.mean() + upper.mean())
             share = float(np.median(height[near]) / np.percentile(height, HIGHEST))
-            found.append((not alike, worth, Top(top, alike, _is_narrow(scene, own, rise, step, top), share)))
-    return max(found, key=lambda f: f[:2])[2] if found else None
+            narrow = _is_narrow(scene, own, rise, step, top)
+            # the foot of a figure is a moulding too, and hides no stand below it
+            found.append((not alike, not narrow, worth, Top(top, alike, narrow, share)))
+    return max(found, key=lambda f: f[:3])[3] if found else None
 
 
 def _slopes(rise: np.ndarray, height: np.ndarray, parallel: float) -> bool:
@@ -418,10 +421,23 @@ def _is_narrow(scene: Scene, own: np.ndarray, rise: np.ndarray, step: float, top
 
     flat = (scene.xyz[own] @ np.stack(axes(top), axis=1)).astype(np.float32)
     level = flat[(np.abs(rise) < step) & (scene.normal[own] @ top[:3] > FACING)]
-    foot = cv2.convexHull(flat[_foot(rise, step)])
+    foot = cv2.convexHull(_dense(flat[_foot(rise, step)], step))
     beyond = [-cv2.pointPolygonTest(foot, (float(x), float(y)), True) for x, y in level]
     radius = np.sqrt(cv2.contourArea(foot) / np.pi)
     return bool(np.percentile(np.maximum(beyond, 0.0), 95) < NARROW * radius)
+
+
+STRAY = 0.2
+"""Points of a cell, over those of the cell in which the median point lies, below which they are wrong matches: a few of them about a plain
+grey figure on a plain grey block made its foot reach to the block's edge, and the ledge a moulding."""
+
+
+def _dense(flat: np.ndarray, size: float) -> np.ndarray:
+    """Those of the points (k, 2) that lie in cells of a grid of `size` with many others."""
+    cell = np.floor(flat / size).astype(np.int64)
+    _, which, count = np.unique(cell, axis=0, return_inverse=True, return_counts=True)
+    own = count[which.ravel()]
+    return flat[own >= STRAY * np.median(own)]
 
 
 def _is_ledge(scene: Scene, level: np.ndarray, plane: np.ndarray) -> bool:

@@ -394,7 +394,10 @@ def _enlarged(
 def refine_options(options: SfmOptions, footage: FootageRecord, mapping: MappingOptions) -> RefineOptions:
     """How this footage's model is adjusted."""
     given = mapping.fixed_intrinsics or bool(mapping.constant)
-    return replace(options.refine, constant=mapping.constant, given_focal=given, moving=_moving(footage))
+    on_table = footage.background != "black"
+    return replace(
+        options.refine, constant=mapping.constant, given_focal=given, moving=_moving(footage), on_table=on_table
+    )
 
 
 def finish(

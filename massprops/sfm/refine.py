@@ -51,6 +51,7 @@ class RefineOptions:
         given_focal: a focal length was given, which may be any.
         moving: what has to move, for a message.
         following: the free motion that all images were found to follow, and are held to.
+        on_table: the object is no body before a black sky, whose limb bends what k1 would be: k1 is taken where it is likelier.
     """
 
     rounds: int = 2
@@ -70,6 +71,7 @@ class RefineOptions:
     given_focal: bool = False
     moving: str = "the camera moves around the object"
     following: Following | None = None
+    on_table: bool = False
 
 
 FOCAL_INFLATION = 2.0
@@ -206,7 +208,7 @@ def refine(
         if _bent(lenses):
             again(True)
             loss = remove_outliers(model, options)
-    if test_distortion and not small and not _bent(lenses):
+    if test_distortion and (options.on_table or not small) and not _bent(lenses):
         lenses = _likelier_bent(model, lenses, options, free_focal, loss, threads)
         if _bent(lenses):
             _take(model, lenses)

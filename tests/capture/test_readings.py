@@ -454,3 +454,24 @@ def test_a_level_that_meets_its_support_is_no_top_of_a_stand() -> None:
     for slope, expected in ((0.0, False), (0.01, False), (0.04, True)):
         level = 0.05 + slope * x
         assert _slopes(noise, level + noise, 1.0) is expected
+
+
+def test_a_few_wrong_matches_make_no_moulding_of_a_stand() -> None:
+    """A disc on a square block of its own colour, whose ledge is .6 of the disc's radius wide; some points are off the disc."""
+    from types import SimpleNamespace
+
+    from massprops.capture.readings import _is_narrow
+
+    rng = np.random.default_rng(0)
+    square = rng.uniform(-1.6, 1.6, (20_000, 2))
+    ledge = square[np.hypot(*square.T) > 1.0]
+    turn, high = rng.uniform(0, 2 * np.pi, 6000), rng.uniform(0.05, 0.3, 6000)
+    wall = np.column_stack([np.cos(turn), np.sin(turn), high])
+    stray = np.column_stack([rng.uniform(-1.6, 1.6, (40, 2)), rng.uniform(0.05, 0.3, 40)])
+    xyz = np.concatenate([np.column_stack([ledge, 0.002 * rng.standard_normal(len(ledge))]), wall, stray])
+    normal = np.tile([0.0, 0.0, 1.0], (len(xyz), 1))
+    scene: Any = SimpleNamespace(xyz=xyz, normal=normal)
+    top = np.array([0.0, 0.0, 1.0, 0.0])
+    assert not _is_narrow(scene, np.arange(len(xyz)), xyz[:, 2], 0.04, top)
+    moulding = np.concatenate([np.hypot(*ledge.T) < 1.15, np.ones(len(wall) + len(stray), bool)])
+    assert _is_narrow(scene, np.flatnonzero(moulding), xyz[moulding, 2], 0.04, top)
