@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import cv2
 import numpy as np
 import pytest
 import trimesh
-from tabletop.judge import fit_cameras, judge_intervals, judge_masks, judge_mesh
+from tabletop.judge import fit_cameras, judge_intervals, judge_masks, judge_mesh, run_masks
 from tabletop.silhouettes import intersection_over_union, silhouette
 from tabletop.truth import SceneTruth
 
@@ -180,3 +183,12 @@ def test_images_are_found_by_the_name_a_run_gives_them() -> None:
     )
     video = box_truth()
     assert video.row("cam0/000007.png") == 7 and video.row("cam0/000099.png") is None
+
+
+def test_an_image_that_was_left_out_is_no_silhouette(tmp_path: Path) -> None:
+    (tmp_path / "masks").mkdir()
+    for name, level in (("a.jpg", 128), ("b.jpg", 0), ("c.jpg", 255)):
+        cv2.imwrite(str(tmp_path / "masks" / f"{name}.png"), np.full((24, 32), level, np.uint8))
+    truth = box_truth(names=("a.jpg", "b.jpg", "c.jpg", *(f"{i}.jpg" for i in range(9))))
+    found = run_masks(tmp_path, truth)
+    assert {row: bool(mask.all()) for row, mask in found.items()} == {1: False, 2: True}

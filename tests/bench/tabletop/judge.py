@@ -237,10 +237,11 @@ def run_cameras(run: Path, truth: SceneTruth) -> tuple[np.ndarray, np.ndarray]:
 
 
 def run_masks(run: Path, truth: SceneTruth) -> dict[int, np.ndarray]:
-    """Row of the truth -> silhouette (h, w) bool of the files `masks/**/IMAGE.png`."""
+    """Row of the truth -> silhouette (h, w) bool of the files `masks/**/IMAGE.png`; none of an image that was left out, all of whose
+    pixels cannot be told."""
     masks = {}
     for path in sorted((run / "masks").rglob("*.png")):
-        row = truth.row(path.stem)
-        if row is not None:
-            masks[row] = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) > 127
+        row, mask = truth.row(path.stem), cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        if row is not None and not (mask == 128).all():
+            masks[row] = mask > 127
     return masks
