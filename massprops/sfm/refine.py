@@ -16,7 +16,7 @@ import numpy as np
 import pycolmap
 
 from massprops.sfm.convert import take_out_images, to_points, to_views
-from massprops.sfm.lens import LensChoice, choose_lenses, k1_evidence, set_models
+from massprops.sfm.lens import MODELS, LensChoice, choose_lenses, k1_evidence, set_models
 from massprops.sfm.points import residuals
 from massprops.sfm.precision import Precision, precision
 from massprops.sfm.sound import require_sound, take_out
@@ -328,7 +328,8 @@ def _likelier_bent(
     sigma = K1_INFLATION * tried.sigma
     if not (np.isfinite(sigma) and sigma > 0 and k1_evidence(tried.k1, sigma) > 0):
         return lenses
-    return lenses | {tried.camera: replace(lenses[tried.camera], model="SIMPLE_RADIAL")}
+    straight = {c: LensChoice(MODELS[0]) for c in model.cameras} | lenses
+    return straight | {tried.camera: replace(straight[tried.camera], model="SIMPLE_RADIAL")}
 
 
 class _K1(NamedTuple):

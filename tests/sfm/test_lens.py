@@ -236,3 +236,21 @@ def test_a_weak_lens_does_not_pass_for_another_focal_length(k1):
     assert found.lenses[1].model == ONE
     assert camera.params[3] == pytest.approx(k1, abs=4 * found.precision.distortion)
     assert abs(camera.params[0] / FOCAL - 1) < 4 * found.precision.focal_relative
+
+
+def test_a_lens_of_a_thing_on_a_table_is_taken_where_it_shows_in_a_part_of_the_image_alone():
+    """Features on one object, whose lens is too weak to be looked for otherwise."""
+    from dataclasses import replace
+
+    from massprops.sfm.mapping import quiet
+    from massprops.sfm.refine import RefineOptions, refine
+
+    quiet()
+    models = [pictured([(-0.05, 0.0, 0.0, 0.0, 1.0)], reach=1.1, noise=0.05, n=24, m=400) for _ in range(2)]
+    usual = RefineOptions()
+    apart, on_table = (
+        refine(m, o, True, True, 1, True) for m, o in zip(models, (usual, replace(usual, on_table=True)), strict=True)
+    )
+    assert not apart.lenses
+    assert on_table.lenses[1].model == ONE
+    assert models[1].cameras[1].params[3] == pytest.approx(-0.05, abs=0.02)
