@@ -50,15 +50,11 @@ def completed(job: Job, views: Views, folder: Path, placement: dict[str, Any]) -
     pixel = pixel_size(small, region_of(here))
     standing = with_company(other[other @ plane[:3] + plane[3] > placement["support_rise"]], COMPANY * pixel)
 
+    # they are looked at up to nine times
+    images = [reduced_image(undistorted_frame(job, here, i), small, i) for i in range(len(here))]
+
     def looked_at(vertices: np.ndarray, faces: np.ndarray) -> Looked:
-        return Looked.at(
-            small,
-            lambda i: reduced_image(undistorted_frame(job, here, i), small, i),
-            plane,
-            (vertices, faces),
-            standing,
-            pixel,
-        )
+        return Looked.at(small, images.__getitem__, plane, (vertices, faces), standing, pixel)
 
     found = evidence_of(looked_at(vertices, faces))
     parts = [part for part in missing_parts(found, plane, vertices, standing, pixel) if part.sure]
