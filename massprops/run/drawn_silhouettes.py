@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 DRAWN = "drawn from the shape, refined by the images"
 """How silhouettes were found, as `silhouettes.json` says it, where nothing but the shape told of them."""
-EVIDENCE = "support.evidence.npz"
+EVIDENCE = "support_evidence.npz"
 """File of a placement's `SupportEvidence`."""
 MARGIN_PX = 2
 """A point this near to a silhouette may belong to it."""
@@ -92,10 +92,15 @@ def scene_in(folder: Path, painted: Paint | None) -> Visible:
     with np.load(folder / "shape.npz", allow_pickle=False) as z:
         vertices, faces = z["vertices"], z["faces"]
         measured = faces[: int(z["measured"])] if "measured" in z.files else None
+    support = support_in(folder)
+    return Visible(vertices, faces, measured, *own_points(folder), *surroundings(folder), painted, support=support)
+
+
+def support_in(folder: Path) -> SupportEvidence | None:
+    """What `shape` has written of what the images of a placement say of its support."""
     from massprops.capture.support_evidence import SupportEvidence
 
-    support = SupportEvidence.load(folder / EVIDENCE) if (folder / EVIDENCE).is_file() else None
-    return Visible(vertices, faces, measured, *own_points(folder), *surroundings(folder), painted, support=support)
+    return SupportEvidence.load(folder / EVIDENCE) if (folder / EVIDENCE).is_file() else None
 
 
 def own_points(folder: Path) -> tuple[np.ndarray, np.ndarray]:

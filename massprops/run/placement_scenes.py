@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from massprops.run.drawn_silhouettes import Visible, learned_paint, scene_in
+from massprops.run.drawn_silhouettes import Visible, learned_paint, scene_in, support_in
 from massprops.run.job import Job
 from massprops.run.stage_images import undistorted_frame
 from massprops.views import Views
@@ -23,22 +24,32 @@ points at the foot of seven rendered things fewer than .005 of those on the obje
 
 def scene_by_view(job: Job, views: Views) -> Iterator[tuple[int, Visible]]:
     """Views by number, each with what its placement shows, carried to where the placement was joined."""
-    from massprops.run.stages.shape import measured_folders, placement_folder
+    from massprops.run.stages.shape import measured_folders
 
-    work, alone = job.work("shape"), Views.load(job.work("sfm") / "views.npz")
-    placements = json.loads((work / "shape.json").read_text())["placements"]
-    painted = learned_paint(measured_folders(work, placements))
-    row = {name: i for i, name in enumerate(alone.names)}
-    for k, placement in enumerate(placements):
-        names = set(placement["images"])
-        own = [i for i, name in enumerate(views.names) if name in names]
-        if not own:
-            continue
-        there = row[views.names[own[0]]]
-        move = views.move_from(own[0], alone.R[there], alone.t[there])
-        shown = scene_in(placement_folder(work, k), painted).moved(*move)
+    work = job.work("shape")
+    painted = learned_paint(measured_folders(work, _placements(work)))
+    for folder, own, move in _joined(job, views):
+        shown = scene_in(folder, painted).moved(*move)
         for i in own:
             yield i, shown
+
+
+def _placements(work: Path) -> list[dict[str, Any]]:
+    return list(json.loads((work / "shape.json").read_text())["placements"])
+
+
+def _joined(job: Job, views: Views) -> Iterator[tuple[Path, list[int], tuple[np.ndarray, np.ndarray]]]:
+    """The folder of each placement, the numbers of its views, and R and t that carried it to where it was joined."""
+    from massprops.run.stages.shape import placement_folder
+
+    work, alone = job.work("shape"), Views.load(job.work("sfm") / "views.npz")
+    row = {name: i for i, name in enumerate(alone.names)}
+    for k, placement in enumerate(_placements(work)):
+        names = set(placement["images"])
+        own = [i for i, name in enumerate(views.names) if name in names]
+        if own:
+            there = row[views.names[own[0]]]
+            yield placement_folder(work, k), own, views.move_from(own[0], alone.R[there], alone.t[there])
 
 
 def shown_as_support(job: Job, views: Views, cloud: Cloud) -> np.ndarray:
@@ -49,12 +60,17 @@ def shown_as_support(job: Job, views: Views, cloud: Cloud) -> np.ndarray:
     """
     from massprops.surface.silhouette import mean_shown
 
-    low = np.zeros(len(cloud), bool)
-    maps: list[np.ndarray | None] = [None] * len(views)
-    if not len(cloud):
+    low, said = np.zeros(len(cloud), bool), {}
+    for folder, own, move in _joined(job, views):
+        support = support_in(folder)
+        if support is not None and len(cloud):
+            support = support.moved(*move)
+            low |= support.at_foot(cloud.xyz)
+            said.update(dict.fromkeys(own, support))
+    if not low.any():
         return low
-    for i, shown in scene_by_view(job, views):
-        if shown.support is not None:
-            low |= shown.support.at_foot(cloud.xyz)
-            maps[i] = shown.support.log_odds(views, i, undistorted_frame(job, views, i))
-    return np.asarray(low & (mean_shown(cloud, views, maps) < SUPPORT))
+    # one after the other: those of all images would fill the memory
+    odds = (
+        said[i].log_odds(views, i, undistorted_frame(job, views, i)) if i in said else None for i in range(len(views))
+    )
+    return np.asarray(low & (mean_shown(cloud, views, odds) < SUPPORT))
