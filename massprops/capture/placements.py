@@ -177,9 +177,9 @@ def small_ones_filled(label: np.ndarray, timestamp_ns: np.ndarray | None, least:
     if not small.any() or not (count >= least).any():
         return label
     filled = fill_undecided(np.where(small, -1, label), timestamp_ns)
-    out = np.where(small & (filled < 0), label, np.where(small, filled, label))
+    out = np.where(small & (filled >= 0), filled, label)
     out[out >= 0] = np.unique(out[out >= 0], return_inverse=True)[1]
-    return np.asarray(out)
+    return out
 
 
 def agreed_between_pauses(label: np.ndarray, other: np.ndarray, timestamp_ns: np.ndarray | None) -> np.ndarray:

@@ -60,11 +60,7 @@ def run(job: Job) -> dict[str, Any]:
     Footage whose silhouettes the capture stage knows needs none of it: then only shape.json is written. A body that turns
     before a still background may stand on a turntable, whose plate the capture stage cannot tell from it.
     """
-    from massprops.capture.placements import (
-        fill_undecided,
-        find_placements,
-        given_placements,
-    )
+    from massprops.capture.placements import fill_undecided, find_placements, given_placements
     from massprops.dense.region import region_of
     from massprops.run.completion import completed
 
@@ -140,17 +136,15 @@ def _settled(
     def by_place(label: np.ndarray, placements: list[dict[str, Any]]) -> np.ndarray:
         return _where_it_stood(job, views, region, label, placements)
 
+    def by_neighbours(label: np.ndarray, placements: list[dict[str, Any]]) -> np.ndarray:
+        return small_ones_filled(label, times, LEAST_VIEWS)
+
     placements, lost = _solved(job, views, sparse, label, pointed)
-    for better in (by_features, by_place):
-        if len(placements) > 1:
-            found = better(label, placements)
-            if not np.array_equal(found, label):
-                label = found
-                placements, lost = _solved(job, views, sparse, label, pointed)
-    filled = small_ones_filled(label, times, LEAST_VIEWS)
-    if not np.array_equal(filled, label):
-        label = filled
-        placements, lost = _solved(job, views, sparse, label, pointed)
+    for better, least in ((by_features, 2), (by_place, 2), (by_neighbours, 0)):
+        found = better(label, placements) if len(placements) >= least else label
+        if not np.array_equal(found, label):
+            label = found
+            placements, lost = _solved(job, views, sparse, label, pointed)
     return label, placements, lost
 
 
