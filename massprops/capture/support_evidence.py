@@ -25,8 +25,7 @@ PICTURED = 4.0
 """Half the side of the wide picture, over half the size of the shape: what lies behind it in low images."""
 MOST_PLACES = 560
 LOW = 10.0
-"""Height up to which the windows of stereo reach over the object's foot and its support [px]: half a window of the smallest size,
-`dense.patchmatch`."""
+"""Height up to which the windows of stereo reach over the object's foot and its support [px]: they are 9 px wide (`dense.patchmatch`)."""
 ABOUT = 25.0
 """Width of the fine picture about the foot [px]: the widest foot that shadows made was 13 px too wide, of two jugs."""
 EDGE = 2
