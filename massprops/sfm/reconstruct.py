@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import zlib  # noqa: F401  must precede pycolmap
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -38,7 +39,7 @@ from massprops.sfm.footage import FootageRecord
 from massprops.sfm.global_shutter import to_global_shutter
 from massprops.sfm.joined_models import join_models
 from massprops.sfm.joined_pieces import join_pieces
-from massprops.sfm.left_out_images import add_left_out_images
+from massprops.sfm.left_out_images import add_left_out_images, take_out_contradicted
 from massprops.sfm.lens import MODELS, LensChoice
 from massprops.sfm.loops import close_loops, match_predicted, spread_deg
 from massprops.sfm.mapping import MappingOptions, quiet
@@ -131,21 +132,16 @@ def reconstruct(
     if found.moved:  # what is about the object tells nothing of where it was
         footage = replace(footage, motion="tumbling")
     warnings = list(found.warnings)
-    film = footage.moving_pictures and not footage.rig
-    tumbling = film and footage.motion == "tumbling"
+    tumbling = _is_film(footage) and footage.motion == "tumbling"
     settings = refine_options(options, footage, found.mapping)
     options, model = replace(options, refine=settings), found.models[0]
     given = ModelInputs(found, footage, options, work, progress)
     require_sound(take_out(model, settings.given_focal)[2], settings.moving)
+    first = found.database
     if found.special:
-        model = match_predicted(model, given, work)
-        if tumbling:
-            model, found = _steady_part(model, given)
-        if film and model.num_reg_images() < len(footage.frames):
-            model = _followed(model, given)
-        if tumbling:
-            model, more = _with_pieces(model, found, given)
-            warnings += more
+        first = _kept_matches(found.database, work)
+        model, found, more = _by_prediction(model, given, first, tumbling)
+        warnings += more
     else:
         model = close_loops(model, given)
         if tumbling:
@@ -165,12 +161,48 @@ def reconstruct(
     mapped = pycolmap.Reconstruction(model)
     result = finish(model, footage, found.mapping, options, sizes, list(warnings), progress)
     result = _with_shutter(_corrected(result, mapped, given, sizes, warnings))
-    against = contradictions(model, found.database)
+    against = contradictions(model, found.database if footage.background == "black" else first)
     said = against.said({f.name: f.source_name for f in footage.frames})
     masked = found.mapping.masked
     return replace(
         result, against=against, believed_from=found.believed_from, masked=masked, warnings=(*result.warnings, *said)
     )
+
+
+def _is_film(footage: FootageRecord) -> bool:
+    return footage.moving_pictures and not footage.rig
+
+
+def _kept_matches(database: Path, work: Path) -> Path:
+    """A copy of a database whose matches were made without a model: those at predicted places bear out any model that predicts them."""
+    return Path(shutil.copy(database, work / "without_a_model.db"))
+
+
+def _by_prediction(
+    model: pycolmap.Reconstruction, given: ModelInputs, first: Path, tumbling: bool
+) -> tuple[pycolmap.Reconstruction, Attempt, list[str]]:
+    """The model grown by matches that it predicts, what was found, and what is said of it.
+
+    A free body's motion leads to the next image. A hand with a camera goes less evenly: of a film on a printed cloth, images
+    predicted by its motion were placed up to four cells of the print off. So what is unique in them is asked first, as in photographs.
+
+    Args:
+        first: the matches that were made without a model.
+    """
+    found, footage, more = given.found, given.footage, list[str]()
+    model = match_predicted(model, given, given.work)
+    if tumbling:
+        model, found = _steady_part(model, given)
+    elif _is_film(footage) and found.repeats and model.num_reg_images() < len(footage.frames):
+        model = add_left_out_images(model, replace(given, work=given.work / "unique"))
+    if _is_film(footage) and model.num_reg_images() < len(footage.frames):
+        known = set(model.reg_image_ids())
+        model = _followed(model, given)
+        if not tumbling:
+            take_out_contradicted(model, first, known)
+    if tumbling:
+        model, more = _with_pieces(model, found, given)
+    return model, found, more
 
 
 def _placed(footage: FootageRecord, work: Path, options: SfmOptions, progress: Progress) -> Attempt:
