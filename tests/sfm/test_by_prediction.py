@@ -54,7 +54,7 @@ def steps(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
 
 def test_what_is_unique_places_a_still_things_images_before_its_motion_does(steps: list[Any]) -> None:
-    model, _, said = reconstruct._by_prediction(Model(16), inputs(), Path("first.db"), tumbling=False)  # type: ignore[arg-type]
+    model, _, said = reconstruct._by_prediction(Model(16), inputs(), Path("first.db"), tumbling=False)
     first = Path("first.db")
     assert steps == ["match_predicted", "add_left_out_images", "_followed", (first, 30)]
     assert model.num_reg_images() == 40 and said == []
@@ -62,12 +62,12 @@ def test_what_is_unique_places_a_still_things_images_before_its_motion_does(step
 
 def test_a_free_bodys_images_are_placed_by_its_motion_alone(steps: list[Any]) -> None:
     given = inputs("black")
-    reconstruct._by_prediction(Model(16), given, Path("first.db"), tumbling=True)  # type: ignore[arg-type]
+    reconstruct._by_prediction(Model(16), given, Path("first.db"), tumbling=True)
     assert steps == ["match_predicted", "_followed"]
 
 
 def test_a_film_that_is_placed_whole_costs_nothing_more(steps: list[Any]) -> None:
-    reconstruct._by_prediction(Model(40), inputs(), Path("first.db"), tumbling=False)  # type: ignore[arg-type]
+    reconstruct._by_prediction(Model(40), inputs(), Path("first.db"), tumbling=False)
     assert steps == ["match_predicted"]
 
 
