@@ -18,6 +18,10 @@ LEAST = 30
 BORNE_OUT = 0.5
 """Share of a pair's matches from which on the model bears it out."""
 
+NEAR_IN_TIME = 8
+"""Images of a film that two may lie apart for those between them to say where the two are: over as many images are compared
+(`massprops.sfm.attempt.SfmOptions.overlap`), and errors of so few steps do not add up to a side."""
+
 MANY = 0.05
 """Share of the matches of all such pairs in contradicted ones from which on it is said: 0.10 of a parcel that was turned
 between photographs while the room stayed, none of a tumbling spacecraft."""
@@ -77,7 +81,9 @@ def _inside(mask: np.ndarray | None, places: np.ndarray) -> np.ndarray:
     return np.asarray(mask[row, column] == 255)
 
 
-def said_against(matches: VerifiedMatches, inside: np.ndarray) -> tuple[float, tuple[str, str] | None]:
+def said_against(
+    matches: VerifiedMatches, inside: np.ndarray, film: Sequence[str] = ()
+) -> tuple[float, tuple[str, str] | None]:
     """Share of the matches that contradict where images are as far as the object is concerned, and the two images with most of
     them.
 
@@ -87,13 +93,16 @@ def said_against(matches: VerifiedMatches, inside: np.ndarray) -> tuple[float, t
     Args:
         matches: of the images of one placement.
         inside: (m,) bool, which of them lie on the object (`VerifiedMatches.on`).
+        film: names of the images in time, where they follow each other. Two that are few steps apart are where the object's own matches
+            from each image between them to the next have them: what else the two share is a side that looks like another.
     """
     size = len(matches.pairs)
     all_of, near_of = _counts(matches.pair, size), _counts(matches.pair[matches.near], size)
     own, own_near = _counts(matches.pair[inside], size), _counts(matches.pair[inside & matches.near], size)
     told = own >= LEAST
-    against = told & (own_near < BORNE_OUT * own)
-    apart = _apart(matches.pairs, told & ~against)
+    borne_out = told & (own_near >= BORNE_OUT * own)
+    against = told & ~borne_out & ~_bridged(matches.pairs, borne_out, film)
+    apart = _apart(matches.pairs, borne_out)
     elsewhere = apart & (all_of >= LEAST) & (near_of < BORNE_OUT * all_of)
     images = len({name for pair in matches.pairs for name in pair})
     # a handful of the object's matches are no opinion of all its images
@@ -105,6 +114,18 @@ def said_against(matches: VerifiedMatches, inside: np.ndarray) -> tuple[float, t
 
 def _counts(pair: np.ndarray, size: int) -> np.ndarray:
     return np.bincount(pair, minlength=size)
+
+
+def _bridged(pairs: tuple[tuple[str, str], ...], borne_out: np.ndarray, film: Sequence[str]) -> np.ndarray:
+    """(p,) bool, which pairs are few steps of a film apart, each of which is borne out (p,) by itself."""
+    at = {name: i for i, name in enumerate(film)}
+    ends = np.array([sorted((at.get(a, -1), at.get(b, -1))) for a, b in pairs], int).reshape(-1, 2)
+    known = (ends >= 0).all(1)
+    step = np.zeros(len(film), int)
+    step[ends[borne_out & known & (ends[:, 1] == ends[:, 0] + 1), 0]] = 1
+    steps = np.concatenate([[0], np.cumsum(step)])
+    apart = ends[:, 1] - ends[:, 0]
+    return np.asarray(known & (apart <= NEAR_IN_TIME) & (steps[ends[:, 1]] - steps[ends[:, 0]] == apart))
 
 
 def _apart(pairs: tuple[tuple[str, str], ...], linking: np.ndarray) -> np.ndarray:

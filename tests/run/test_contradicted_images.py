@@ -1,5 +1,6 @@
 """Matches that contradict a model lower the trust where they are the object's and their images are taken for one placement."""
 
+import itertools
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 from massprops.run.stages.mass import _contradicted
-from massprops.sfm.verified_matches import VerifiedMatches
+from massprops.sfm.verified_matches import NEAR_IN_TIME, VerifiedMatches, said_against
 
 NAMES = ("cam0/a.jpg", "cam0/b.jpg", "cam0/c.jpg")
 OBJECT, TABLE = 10.0, 40.0
@@ -68,3 +69,26 @@ def test_a_handful_of_matches_on_the_object_is_no_opinion_of_all_images(tmp_path
 
 def test_a_model_without_contradictions_keeps_no_matches(tmp_path: Path) -> None:
     assert _contradicted(SimpleNamespace(work=lambda stage: tmp_path / stage), ONE) == (0.0, "")
+
+
+def test_sides_that_look_alike_do_not_speak_against_a_film_that_leads_from_one_to_the_other(tmp_path: Path) -> None:
+    """Of a figure on a turntable each image matched the fifth after it as well, a turn of 45 degrees on (Blender)."""
+    steps = [(A, B, OBJECT, 60, 60), (B, C, OBJECT, 60, 60)]
+    job = a_run(tmp_path, *steps, (A, C, OBJECT, 40, 4))
+    assert _contradicted(job, ONE) == (pytest.approx(0.25), "a.jpg and c.jpg")
+    assert _contradicted(job, ONE, NAMES) == (0.0, "")
+    assert _contradicted(job, ONE, (A, C))[0] == pytest.approx(0.25), "nothing leads from one to the other"
+
+
+def test_a_step_that_is_not_borne_out_leads_nowhere(tmp_path: Path) -> None:
+    job = a_run(tmp_path, (A, B, OBJECT, 60, 60), (B, C, OBJECT, 60, 6), (A, C, OBJECT, 40, 4))
+    assert _contradicted(job, ONE, NAMES)[0] == pytest.approx(100 / 160)
+
+
+@pytest.mark.parametrize(("steps", "share"), [(NEAR_IN_TIME, 0.0), (NEAR_IN_TIME + 1, 0.1)])
+def test_the_errors_of_many_steps_may_add_up(steps: int, share: float) -> None:
+    film = [f"{i:02d}.png" for i in range(steps + 1)]
+    pairs = (*itertools.pairwise(film), (film[0], film[-1]))
+    pair = np.repeat(np.arange(steps + 1), 50)
+    matches = VerifiedMatches(pairs, pair, np.zeros((len(pair), 4)), pair < steps)
+    assert said_against(matches, np.ones(len(pair), bool), film)[0] == pytest.approx(share)

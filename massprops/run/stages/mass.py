@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -24,8 +25,9 @@ from massprops.mass.symmetric import described, sentences, undecided
 from massprops.run.job import Job
 from massprops.sfm.verified_matches import VerifiedMatches, said_against
 from massprops.surface.length import model_length
+from massprops.views import Views
 
-READS = ("sfm", "shape", "silhouettes", "join", "surface", "scale")
+READS = ("capture", "sfm", "shape", "silhouettes", "join", "surface", "scale")
 OPTIONS = ("density", "seed")
 
 
@@ -118,7 +120,7 @@ def _evidence(
     sfm, join, silhouettes = (
         json.loads((job.work(k) / f"{k}.json").read_text()) for k in ("sfm", "join", "silhouettes")
     )
-    contradicted, contradicting = _contradicted(job, shape)
+    contradicted, contradicting = _contradicted(job, shape, _film(job, shape))
     _, inferred, filled = _shares(surface)
     shutter = sfm.get("shutter") or {}
     return Evidence(
@@ -159,10 +161,13 @@ def _evidence(
     )
 
 
-def _contradicted(job: Job, shape: dict[str, Any]) -> tuple[float, str]:
+def _contradicted(job: Job, shape: dict[str, Any], film: Sequence[str] = ()) -> tuple[float, str]:
     """Share of the matches that contradict where images of one placement are, and two such images in words.
 
     An object that was turned over in a room that stayed contradicts across its placements, each of which is solved by itself.
+
+    Args:
+        film: as `massprops.sfm.verified_matches.said_against` takes it.
     """
     path = job.work("sfm") / "matches.npz"
     if not path.is_file():  # nothing contradicts the model, or it was given
@@ -174,8 +179,20 @@ def _contradicted(job: Job, shape: dict[str, Any]) -> tuple[float, str]:
     folder = job.work("silhouettes") / "masks"
     names = {name for pair in matches.pairs for name in pair}
     masks = {n: read_image(folder / f"{n}.png", 0) for n in names if (folder / f"{n}.png").is_file()}
-    share, worst = said_against(matches, matches.on(masks))
+    share, worst = said_against(matches, matches.on(masks), film)
     return share, " and ".join(name.rsplit("/", 1)[-1] for name in worst or ())
+
+
+def _film(job: Job, shape: dict[str, Any]) -> list[str]:
+    """Names in time of the images that a film of one placement has; none where they are photographs, or show a body before a black sky,
+    of which a small turn does not tell near from far."""
+    from massprops.sfm.footage import read_footage
+
+    footage, placements = read_footage(job.work("capture")), shape["placements"]
+    if not footage.moving_pictures or footage.rig or footage.background == "black" or len(placements) > 1:
+        return []
+    used = set(Views.load(job.work("sfm") / "views.npz").names).intersection(*(p["images"] for p in placements))
+    return [f.name for f in footage.frames if f.name in used]
 
 
 def readings_of(shape: dict[str, Any], factor: float, moved: bool = False) -> list[dict[str, Any]]:
