@@ -39,10 +39,16 @@ and less."""
 MOST_ROUNDS = 8
 
 
-def add_left_out_images(model: pycolmap.Reconstruction, given: ModelInputs) -> pycolmap.Reconstruction:
-    """Adds the images that the points of the model place, in rounds; returns the model."""
+def add_left_out_images(
+    model: pycolmap.Reconstruction, given: ModelInputs, rounds: int = MOST_ROUNDS
+) -> pycolmap.Reconstruction:
+    """Adds the images that the points of the model place, in rounds; returns the model.
+
+    Args:
+        rounds: at most; none of them goes on after one that adds nothing.
+    """
     found = given.found
-    for turn in range(MOST_ROUNDS):
+    for turn in range(rounds):
         known = set(model.reg_image_ids())
         if found.repeats:
             grown = with_images_of_pattern(model, given)
@@ -94,6 +100,20 @@ def take_out_contradicted(model: pycolmap.Reconstruction, database: Path, known:
     """Removes images, in place, whose matches with the images `known` contradict their pose."""
     found = agreeing_matches(model, database, known)
     take_out_images(model, [i for i, (agree, all_of) in found.items() if agree < BORNE_OUT * all_of])
+
+
+def take_out_unsupported(model: pycolmap.Reconstruction, database: Path, known: set[int]) -> None:
+    """Removes images that a motion placed after the images `known`, in place, where matches contradict it, and those that hang on them.
+
+    Each image that its matches bear out judges the next ones. Where nothing is contradicted, images without any matches stay.
+    """
+    judges, before = set(known), set[int]()
+    while judges != before:
+        before = set(judges)
+        found = agreeing_matches(model, database, judges)
+        judges |= {i for i, (agree, all_of) in found.items() if all_of and agree >= BORNE_OUT * all_of}
+    if any(all_of and agree < BORNE_OUT * all_of for agree, all_of in found.values()):
+        take_out_images(model, set(model.reg_image_ids()) - judges)
 
 
 def agreeing_matches(model: pycolmap.Reconstruction, database: Path, known: set[int]) -> dict[int, tuple[int, int]]:

@@ -35,11 +35,12 @@ from massprops.sfm.contradicted import without_contradictions
 from massprops.sfm.contradictions import Contradictions, contradictions
 from massprops.sfm.convert import take_out_images, to_points, to_views
 from massprops.sfm.features import is_plain, read_mask
+from massprops.sfm.firm_part import firm_part
 from massprops.sfm.footage import FootageRecord
 from massprops.sfm.global_shutter import to_global_shutter
 from massprops.sfm.joined_models import join_models
 from massprops.sfm.joined_pieces import join_pieces
-from massprops.sfm.left_out_images import add_left_out_images, take_out_contradicted
+from massprops.sfm.left_out_images import add_left_out_images, take_out_unsupported
 from massprops.sfm.lens import MODELS, LensChoice
 from massprops.sfm.loops import close_loops, match_predicted, spread_deg
 from massprops.sfm.mapping import MappingOptions, quiet
@@ -184,22 +185,26 @@ def _by_prediction(
     """The model grown by matches that it predicts, what was found, and what is said of it.
 
     A free body's motion leads to the next image. A hand with a camera goes less evenly: of a film on a printed cloth, images
-    predicted by its motion were placed up to four cells of the print off. So what is unique in them is asked first, as in photographs.
+    predicted by its motion were placed up to four cells of the print off. So its model is grown from the part that many points hold, and what
+    is unique in each further image is asked first, as in photographs.
 
     Args:
         first: the matches that were made without a model.
     """
     found, footage, more = given.found, given.footage, list[str]()
+    still = _is_film(footage) and found.repeats and not tumbling
+    if still:
+        model = firm_part(model, [f.name for f in footage.frames], MappingOptions().least_inliers)
     model = match_predicted(model, given, given.work)
     if tumbling:
         model, found = _steady_part(model, given)
-    elif _is_film(footage) and found.repeats and model.num_reg_images() < len(footage.frames):
-        model = add_left_out_images(model, replace(given, work=given.work / "unique"))
+    if still and model.num_reg_images() < len(footage.frames):
+        model = add_left_out_images(model, replace(given, work=given.work / "unique"), len(footage.frames))
     if _is_film(footage) and model.num_reg_images() < len(footage.frames):
         known = set(model.reg_image_ids())
         model = _followed(model, given)
-        if not tumbling:
-            take_out_contradicted(model, first, known)
+        if still:
+            take_out_unsupported(model, first, known)
     if tumbling:
         model, more = _with_pieces(model, found, given)
     return model, found, more

@@ -14,6 +14,7 @@ from massprops.sfm.left_out_images import (
     agreeing_matches,
     take_out_contradicted,
     take_out_unmatched,
+    take_out_unsupported,
 )
 from massprops.sfm.loops import forget
 from massprops.sfm.match_parts import put_back, taken
@@ -42,6 +43,20 @@ def test_an_image_in_its_place_stays_and_one_elsewhere_goes(solved):
     assert agreeing_matches(model, database, set(ids[:-1]))[last][0] < 0.3 * all_of
     take_out_contradicted(model, database, set(ids[:-1]))
     assert sorted(model.reg_image_ids()) == ids[:-1]
+
+
+def test_each_image_that_is_borne_out_judges_the_next(solved):
+    model, database = pycolmap.Reconstruction(solved[0]), solved[1]
+    ids = sorted(model.reg_image_ids())
+    take_out_unsupported(model, database, set(ids[:4]))
+    assert sorted(model.reg_image_ids()) == ids
+    for last in ids[-2:]:  # a tenth of the distance off, both alike: their own matches agree
+        frame = model.frame(model.image(last).frame_id)
+        pose = np.asarray(frame.rig_from_world.matrix()).copy()
+        pose[1, 3] += 0.1 * pose[2, 3]
+        frame.rig_from_world = pycolmap.Rigid3d(pose)
+    take_out_unsupported(model, database, set(ids[:4]))
+    assert sorted(model.reg_image_ids()) == ids[:-2]
 
 
 def test_pairs_that_contradict_a_model_are_counted(solved):
