@@ -74,16 +74,19 @@ def match_distinct(a: Described, b: Described) -> np.ndarray:
     """(m, 2) uint32: places of features of two images that are each other's nearest, and unlike all else in both."""
     if not len(a.index) or not len(b.index):
         return np.zeros((0, 2), np.uint32)
-    to_b, to_a = a.unit[a.index] @ b.unit.T, b.unit[b.index] @ a.unit.T
-    best, back = to_b.argmax(1), to_a.argmax(1)
-    place = np.full(len(b.unit), -1)
-    place[b.index] = np.arange(len(b.index))
-    row = place[best]
-    ok = (row >= 0) & (back[row] == a.index)
-    angle = angles(to_b.max(1))
-    second = np.minimum(_second(to_b), _second(to_a)[row])
-    ok &= (angle < RATIO * second) & (angle < OWN_RATIO * np.minimum(a.own[a.index], b.own[best])) & (angle < WIDEST)
-    return np.column_stack([a.index[ok], best[ok]]).astype(np.uint32)
+    first, second = a.unit[a.index], b.unit[b.index]
+    cosine = first @ second.T
+    best, back = cosine.argmax(1), cosine.argmax(0)
+    row = np.arange(len(best))
+    angle = angles(cosine[row, best])
+    near = (angle < OWN_RATIO * np.minimum(a.own[a.index], b.own[b.index[best]])) & (angle < WIDEST)
+    # few are left to be held against the features that repeat
+    row = row[(back[best] == row) & near]
+    best = best[row]
+    to_b, to_a = first[row] @ b.unit.T, second[best] @ a.unit.T
+    ok = (to_b.argmax(1) == b.index[best]) & (to_a.argmax(1) == a.index[row])
+    ok &= angle[row] < RATIO * np.minimum(_second(to_b), _second(to_a))
+    return np.column_stack([a.index[row[ok]], b.index[best[ok]]]).astype(np.uint32)
 
 
 def _second(cosine: np.ndarray) -> np.ndarray:
