@@ -221,8 +221,7 @@ def _long_pauses(timestamp_ns: np.ndarray | None, before: int, after: int) -> li
 
 
 def divide_at_pauses(shared: np.ndarray, direction: np.ndarray, timestamp_ns: np.ndarray | None) -> np.ndarray:
-    """Labels (n,) of placements, in the order of capture, of an object with too few features for `divide`; all 0 without a
-    long pause.
+    """Labels (n,) of placements, in the order of capture, of an object with too few features for `divide`; all 0 without a long pause.
 
     Hands were at work in a long pause or they were not. If not, images of like direction before and after it share as many
     features of the object as those on the side that shows fewer.
@@ -403,4 +402,6 @@ def find_placements(
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     if own.sum() < LEAST_POINTS:
         return Placements(divide_at_pauses(shared, direction, timestamp_ns), shared, known=False)
-    return Placements(divide(shared, direction), shared)
+    label = divide(shared, direction)
+    # a plain object shows each image so few that a division of its images among all others stays unseen
+    return Placements(label if label.any() else divide_at_pauses(shared, direction, timestamp_ns), shared)

@@ -165,6 +165,24 @@ def test_a_long_pause_divides_what_has_few_features_and_only_where_they_are_not_
     assert not divide_at_pauses(moved * second[:, None], direction, times).any(), "one side shows nothing"
 
 
+def test_a_plain_thing_that_shows_each_image_little_is_divided_at_a_pause() -> None:
+    """A rock of one colour: 125 features in 56 images, of which next to each other share two (Blender)."""
+    rng = np.random.default_rng(5)
+    direction = np.concatenate([ring(28), ring(28, 0.1)])
+    ground = np.column_stack([rng.uniform(-1, 1, (400, 2)), np.zeros(400)])
+    own = rng.uniform(-0.15, 0.15, (112, 3)) + [0, 0, 0.25]
+    pairs = [(28 * k + i, 28 * k + (i + 1) % 28) for k in (0, 1) for i in range(28) for _ in (0, 1)]
+    view, point = np.array([(i, 400 + p) for p, pair in enumerate(pairs) for i in pair]).T
+    room = np.repeat(np.arange(56), 400), np.tile(np.arange(400), 56)
+    seen = np.concatenate([room[0], view]), np.concatenate([room[1], point])
+    there = np.concatenate([ground, own]), *seen, 3 * direction, Region(np.array([0, 0, 0.1]), 0.8)
+    seconds = np.arange(56) * 11 + np.where(np.arange(56) >= 28, 431, 0)
+    clock = (1_000_000_000 * (1 + seconds)).astype(np.int64)
+    found = find_placements(*there, timestamp_ns=clock)
+    assert found.known and found.label.tolist() == [0] * 28 + [1] * 28
+    assert not find_placements(*there).label.any(), "nobody knows when"
+
+
 def test_a_few_images_between_others_are_no_placement() -> None:
     plain = np.array([0, 0, 0, 0, 2, 2, 0, 0, 0, 1, 1, 1, 0, 0, 0])
     assert small_ones_filled(plain, None, 4).tolist() == [0] * len(plain)
