@@ -111,22 +111,56 @@ def _followed(
     Raises:
         NotPossible: too little is left.
     """
-    mapping, options = given.found.mapping, given.options.refine
     start = _first(model, clock)
     if start is None:
         model = _free_part(model, clock)
         start = _first(model, clock)
     if start is None:
         return None
-    for turn, gate in enumerate(GATES):
-        model = _matched(model, start, gate, replace(given, work=given.work / f"motion{turn}"), clock)
-        tumble = start.tumble
-        for cut in CUTS:
-            loss = remove_outliers(model, options, cut)
-            take_out(model, options.given_focal)
-            tumble = adjust_tumble(model, tumble, clock, loss, not mapping.fixed_intrinsics)
-        start = _Start(tumble, {})
+    # depths of what a stretch did not see are known in the next round
+    names, rounds = set(start.scale), 0
+    while names:
+        model, start = _round(model, start, names, GATES[0], replace(given, work=given.work / f"near{rounds}"), clock)
+        tried, names, rounds = names, _near(model, given), rounds + 1
+        names = set() if names <= tried else names | tried
+    for turn, gate in enumerate(GATES[1:]):
+        model, start = _round(model, start, None, gate, replace(given, work=given.work / f"motion{turn}"), clock)
     return model, start.tumble
+
+
+def _near(model: pycolmap.Reconstruction, given: ModelInputs) -> set[str]:
+    """Names of the images to which the motion through the placed ones leads: no farther from them than by a quarter of their number."""
+    order = [f.name for f in given.footage.frames if f.name in given.found.features]
+    there = {model.image(i).name for i in model.reg_image_ids()}
+    placed = np.array([k for k, n in enumerate(order) if n in there])
+    reach = len(placed) // 4 + 1
+    return {n for k, n in enumerate(order) if len(placed) and np.abs(placed - k).min() <= reach}
+
+
+def _round(
+    model: pycolmap.Reconstruction,
+    start: _Start,
+    names: set[str] | None,
+    gate: Gate,
+    given: ModelInputs,
+    clock: Callable[[str], float],
+) -> tuple[pycolmap.Reconstruction, _Start]:
+    """Images matched anew where the motion predicts them, and adjusted together with it.
+
+    Args:
+        names: of the images; None for all.
+
+    Raises:
+        NotPossible: too little is left.
+    """
+    options, free_focal = given.options.refine, not given.found.mapping.fixed_intrinsics
+    model = _matched(model, start, names, gate, given, clock)
+    tumble = start.tumble
+    for cut in CUTS:
+        loss = remove_outliers(model, options, cut)
+        take_out(model, options.given_focal)
+        tumble = adjust_tumble(model, tumble, clock, loss, free_focal)
+    return model, _Start(tumble, {})
 
 
 def refine_along(
@@ -218,15 +252,19 @@ def _radius(points: SparsePoints) -> float:
 
 
 def _matched(
-    model: pycolmap.Reconstruction, start: _Start, gate: Gate, given: ModelInputs, clock: Callable[[str], float]
+    model: pycolmap.Reconstruction,
+    start: _Start,
+    chosen: set[str] | None,
+    gate: Gate,
+    given: ModelInputs,
+    clock: Callable[[str], float],
 ) -> pycolmap.Reconstruction:
     """The model at the poses of the motion, with tracks from matches where these predict them."""
     found = given.found
     views, ids = to_views(model)
     points = to_points(model, ids)
     names = [f.name for f in given.footage.frames if f.name in found.features]
-    if start.scale:  # depths of what a stretch did not see are known in the next round
-        names = [n for n in names if n in start.scale]
+    names = names if chosen is None else [n for n in names if n in chosen]
     R, t = start.tumble.poses(np.array([clock(n) for n in names]))
     moved = replace(views.take(np.zeros(len(names), int)), names=tuple(names), R=R, t=t)
     placed = _depths(views, points, moved, start, given)
