@@ -35,6 +35,7 @@ from massprops.sfm.contradictions import Contradictions, contradictions
 from massprops.sfm.convert import take_out_images, to_points, to_views
 from massprops.sfm.features import is_plain, read_mask
 from massprops.sfm.footage import FootageRecord
+from massprops.sfm.free_run import SHORTEST
 from massprops.sfm.global_shutter import to_global_shutter
 from massprops.sfm.joined_models import join_models
 from massprops.sfm.joined_pieces import join_pieces
@@ -295,7 +296,7 @@ def _along_free_motion(
     model: pycolmap.Reconstruction, given: ModelInputs
 ) -> tuple[pycolmap.Reconstruction, Following] | None:
     """The images placed by the body's free motion, and that, where its cells repeat, or where it flies before a black sky and many images
-    of it are not placed yet; None where it is not needed, places no more images, or the body does not move so.
+    of it are not placed yet; None where it is not needed, too few tell it, it places no more images, or the body does not move so.
 
     On crinkled foil the images of a bright side match each other falsely, and what is then placed by itself stands still or turns
     back, while the motion through the images that are right leads to all others.
@@ -303,7 +304,7 @@ def _along_free_motion(
     placed, images = model.num_reg_images(), len(given.footage.frames)
     if given.found.repeats:
         return follow_free_motion(model, given)
-    if given.footage.background != "black" or placed >= ENOUGH * images:
+    if given.footage.background != "black" or not SHORTEST <= placed < ENOUGH * images:
         return None
     along = follow_free_motion(model, given)
     return along if along is not None and along[0].num_reg_images() > placed else None
