@@ -118,13 +118,13 @@ def _followed(
     if start is None:
         return None
     # depths of what a stretch did not see are known in the next round
-    names, rounds = set(start.scale), 0
-    while names:
-        model, start = _round(model, start, names, GATES[0], replace(given, work=given.work / f"near{rounds}"), clock)
-        tried, names, rounds = names, _near(model, given), rounds + 1
-        names = set() if names <= tried else names | tried
+    reached, more, rounds = set[str](), set(start.scale), 0
+    while more - reached:
+        reached, rounds = reached | more, rounds + 1
+        model, start = _round(model, start, reached, GATES[0], replace(given, work=given.work / f"near{rounds}"), clock)
+        more = _near(model, given)
     for turn, gate in enumerate(GATES[1:]):
-        model, start = _round(model, start, None, gate, replace(given, work=given.work / f"motion{turn}"), clock)
+        model, start = _round(model, start, reached, gate, replace(given, work=given.work / f"motion{turn}"), clock)
     return model, start.tumble
 
 
@@ -140,15 +140,12 @@ def _near(model: pycolmap.Reconstruction, given: ModelInputs) -> set[str]:
 def _round(
     model: pycolmap.Reconstruction,
     start: _Start,
-    names: set[str] | None,
+    names: set[str],
     gate: Gate,
     given: ModelInputs,
     clock: Callable[[str], float],
 ) -> tuple[pycolmap.Reconstruction, _Start]:
-    """Images matched anew where the motion predicts them, and adjusted together with it.
-
-    Args:
-        names: of the images; None for all.
+    """The images `names` matched anew where the motion predicts them, and adjusted together with it.
 
     Raises:
         NotPossible: too little is left.
@@ -254,7 +251,7 @@ def _radius(points: SparsePoints) -> float:
 def _matched(
     model: pycolmap.Reconstruction,
     start: _Start,
-    chosen: set[str] | None,
+    chosen: set[str],
     gate: Gate,
     given: ModelInputs,
     clock: Callable[[str], float],
@@ -263,8 +260,7 @@ def _matched(
     found = given.found
     views, ids = to_views(model)
     points = to_points(model, ids)
-    names = [f.name for f in given.footage.frames if f.name in found.features]
-    names = names if chosen is None else [n for n in names if n in chosen]
+    names = [f.name for f in given.footage.frames if f.name in found.features and f.name in chosen]
     R, t = start.tumble.poses(np.array([clock(n) for n in names]))
     moved = replace(views.take(np.zeros(len(names), int)), names=tuple(names), R=R, t=t)
     placed = _depths(views, points, moved, start, given)
