@@ -301,10 +301,12 @@ def _along_free_motion(
     On crinkled foil the images of a bright side match each other falsely, and what is then placed by itself stands still or turns
     back, while the motion through the images that are right leads to all others.
     """
-    placed, images = model.num_reg_images(), len(given.footage.frames)
     if given.found.repeats:
         return follow_free_motion(model, given)
-    if given.footage.background != "black" or not SHORTEST <= placed < ENOUGH * images:
+    # one in the Earth's shadow shows nothing to place it by
+    lit = sum(len(places) >= given.options.refine.fewest for places, _ in given.found.features.values())
+    placed = model.num_reg_images()
+    if given.footage.background != "black" or not SHORTEST <= placed < ENOUGH * lit:
         return None
     along = follow_free_motion(model, given)
     return along if along is not None and along[0].num_reg_images() > placed else None
