@@ -216,7 +216,7 @@ class MotionSystem:
             before = cost
             for _ in range(8):
                 scaled = H * unit[:, None] * unit + damping * np.eye(len(H))
-                step = -unit * np.linalg.solve(scaled, unit * g)
+                step = _bounded(-unit * np.linalg.solve(scaled, unit * g), state.tumble)
                 trial, cost = state, np.inf
                 if _within_reach(step, state.tumble):
                     moved = at.system.points_follow(J @ step, at.of_points)
@@ -232,8 +232,16 @@ class MotionSystem:
         return state
 
 
+def _bounded(step: np.ndarray, tumble: Tumble) -> np.ndarray:
+    """The step, as far as the logarithm of the inertia stays within its bounds. A motion may begin at one: where little tells a ratio, the
+    attitudes' errors do."""
+    out = step.copy()
+    out[6:MOTION] = np.clip(step[6:MOTION] + tumble.turning.inertia, -MOST_LOG, MOST_LOG) - tumble.turning.inertia
+    return out
+
+
 def _within_reach(step: np.ndarray, tumble: Tumble) -> bool:
     """Whether a step leaves the turning one that can be followed: rates that run away take for ever."""
-    turn, rate, inertia = step[:3], step[3:6], step[6:MOTION] + tumble.turning.inertia
+    turn, rate = step[:3], step[3:6]
     slow = np.linalg.norm(rate) < 0.5 * np.linalg.norm(tumble.turning.rate)
-    return bool(np.isfinite(step).all() and np.linalg.norm(turn) < 1 and slow and np.abs(inertia).max() < MOST_LOG)
+    return bool(np.isfinite(step).all() and np.linalg.norm(turn) < 1 and slow)

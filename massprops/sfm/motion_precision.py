@@ -25,6 +25,9 @@ from massprops.sfm.surface_regions import regions
 UNSEEN = 7
 """Numbers of a motion that no film shows."""
 
+FAINTEST = 1e-13
+"""Curvature, in units of the diagonal, that rounding makes of none: a body that spins about one axis shows no ratio at all."""
+
 
 def tumble_precision(
     model: pycolmap.Reconstruction,
@@ -54,17 +57,17 @@ def tumble_precision(
     R = tumble.poses(times)[0]
     turns = system.columns(tumble, R, times)[: 6 * len(R)].reshape(len(R), 6, -1)[:, :3]
     still = _attitudes_still(R, turns, free)
-    covariance = _sandwich(inverse, score)
-    attitude = np.sqrt(np.einsum("nai,ij,naj->n", turns @ still, covariance, turns @ still) / 3)
+    spread = score @ inverse
+    attitude = np.sqrt(np.square(turns @ still @ spread.T).sum(axis=(1, 2)) / 3)
     rms = float(np.sqrt(np.mean(r**2)))
-    stated, independent = np.sqrt(np.maximum(np.diag(covariance), 0)), np.sqrt(np.maximum(np.diag(inverse), 0)) * rms
+    stated, independent = np.linalg.norm(spread, axis=0), np.sqrt(np.maximum(np.diag(inverse), 0)) * rms
     focal = (float(stated[-1]), float(independent[-1])) if free_focal else (0.0, 0.0)
     numbers = {model.image(i).camera_id for i in ids}
     alike = np.sqrt(max(3 * len(R) / MOTION, 1.0))
-    by_region = _sandwich(inverse, _by_region(score, points))
+    by_region = _by_region(score, points) @ inverse
     shown = ShownInertia(
         inertia_of_log(tumble.turning.inertia[None])[0],
-        at_least(_of_inertia(covariance, still), _of_inertia(by_region, still)),
+        at_least(_of_inertia(spread, still), _of_inertia(by_region, still)),
     )
     by_camera = dict.fromkeys(numbers, focal[0])
     return Precision(rms, focal[0], 0.0, alike * attitude, focal[1], by_camera, shown)
@@ -90,8 +93,10 @@ def inverse_but_for(normal: np.ndarray, free: np.ndarray, distance: float) -> np
     unit[MOTION : MOTION + 9] = distance
     across = np.linalg.svd((free / unit[:, None]).T)[2][UNSEEN:].T * unit[:, None]
     kept = across.T @ normal @ across
-    scale = 1 / np.sqrt(np.diag(kept))
-    return np.asarray(across @ (np.linalg.inv(kept * scale[:, None] * scale) * scale[:, None] * scale) @ across.T)
+    size = np.diag(kept)
+    scale = 1 / np.sqrt(np.where(size > 0, size, 1.0))
+    found = np.linalg.inv(kept * scale[:, None] * scale + FAINTEST * np.eye(len(kept))) * scale[:, None] * scale
+    return np.asarray(across @ (0.5 * (found + found.T)) @ across.T)
 
 
 def _attitudes_still(R: np.ndarray, turns: np.ndarray, free: np.ndarray) -> np.ndarray:
@@ -102,10 +107,6 @@ def _attitudes_still(R: np.ndarray, turns: np.ndarray, free: np.ndarray) -> np.n
     return np.eye(len(free)) - about @ np.linalg.solve(shared @ about, shared)
 
 
-def _sandwich(inverse: np.ndarray, score: np.ndarray) -> np.ndarray:
-    return np.asarray(inverse @ (score.T @ score) @ inverse)
-
-
 def _by_region(score: np.ndarray, points: SparsePoints) -> np.ndarray:
     """(g, q) sums of the scores (m, q) of points over regions of the surface, made larger for their number."""
     label = regions(points.xyz, np.bincount(points.obs_point, minlength=len(points.xyz)))
@@ -114,6 +115,8 @@ def _by_region(score: np.ndarray, points: SparsePoints) -> np.ndarray:
     return out * np.sqrt(len(out) / max(len(out) - 1, 1))
 
 
-def _of_inertia(covariance: np.ndarray, still: np.ndarray) -> np.ndarray:
-    """(5, 5) of the inertia's logarithm in `BASIS`, in the axes of the attitudes."""
-    return np.asarray((still @ covariance @ still.T)[6:MOTION, 6:MOTION])
+def _of_inertia(spread: np.ndarray, still: np.ndarray) -> np.ndarray:
+    """(5, 5) covariance of the inertia's logarithm in `BASIS`, in the axes of the attitudes, by the errors `spread` (m, q) that clusters
+    of observations add to a motion: no rounding makes it less than nothing, however faint what the film shows."""
+    own = spread @ still[6:MOTION].T
+    return np.asarray(own.T @ own)

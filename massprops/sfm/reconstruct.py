@@ -15,7 +15,7 @@ from massprops.core.progress import Progress, silent
 from massprops.core.text import counted
 from massprops.dense.region import Region, region_of
 from massprops.errors import InputError, NotPossible
-from massprops.sfm.along_motion import follow_free_motion, refine_along
+from massprops.sfm.along_motion import Following, follow_free_motion, refine_along
 from massprops.sfm.attempt import (
     ENOUGH,
     Attempt,
@@ -37,6 +37,7 @@ from massprops.sfm.convert import take_out_images, to_points, to_views
 from massprops.sfm.features import is_plain, read_mask
 from massprops.sfm.firm_part import firm_part
 from massprops.sfm.footage import FootageRecord
+from massprops.sfm.free_run import SHORTEST
 from massprops.sfm.global_shutter import to_global_shutter
 from massprops.sfm.joined_models import join_models
 from massprops.sfm.joined_pieces import join_pieces
@@ -145,15 +146,17 @@ def reconstruct(
         warnings += more
     else:
         model = close_loops(model, given)
+        whole = model.num_reg_images()
         if tumbling:
-            whole = model.num_reg_images()
             model, found = _unfolded(model, given)
             model, more = _with_pieces(model, found, given)
-            warnings += [*more, *_left_out(whole - model.num_reg_images() if found is not given.found else 0)]
-    if found.repeats and footage.moving_pictures and footage.motion == "tumbling" and len(footage.cameras) == 1:
-        along = follow_free_motion(model, given)
-        model, following = along or (model, None)
+            warnings += more
+    along = _along_free_motion(model, given) if tumbling and len(footage.cameras) == 1 else None
+    if along is not None:
+        model, following = along
         options = replace(options, refine=replace(options.refine, following=following))
+    if found is not given.found and not found.special:
+        warnings += _left_out(whole - model.num_reg_images())
     if not footage.moving_pictures and model.num_reg_images() < len(footage.frames):
         model = add_left_out_images(model, given)
         if not (found.repeats or found.believed_from):
@@ -324,6 +327,26 @@ def _with_pieces(
         f"the film fell into pieces that share too few features, the largest of {before} images: they were joined by the "
         "body's free motion and by the surface that two pieces show"
     ]
+
+
+def _along_free_motion(
+    model: pycolmap.Reconstruction, given: ModelInputs
+) -> tuple[pycolmap.Reconstruction, Following] | None:
+    """The images placed by the body's free motion, and that, where its cells repeat, or where it flies before a black sky and many images
+    of it are not placed yet; None where it is not needed, too few tell it, it places no more images, or the body does not move so.
+
+    On crinkled foil the images of a bright side match each other falsely, and what is then placed by itself stands still or turns
+    back, while the motion through the images that are right leads to all others.
+    """
+    if given.found.repeats:
+        return follow_free_motion(model, given)
+    # one in the Earth's shadow shows nothing to place it by
+    lit = sum(len(places) >= given.options.refine.fewest for places, _ in given.found.features.values())
+    placed = model.num_reg_images()
+    if given.footage.background != "black" or not SHORTEST <= placed < ENOUGH * lit:
+        return None
+    along = follow_free_motion(model, given)
+    return along if along is not None and along[0].num_reg_images() > placed else None
 
 
 def _left_out(lost: int) -> list[str]:

@@ -13,9 +13,9 @@ from massprops.dynamics.rigid_body import propagate
 from massprops.sfm import along_motion
 from massprops.sfm.along_motion import follow_free_motion, refine_along
 from massprops.sfm.assembled import STAYS, Part, Similarity, assemble
-from massprops.sfm.convert import to_points, to_views
+from massprops.sfm.convert import take_out_images, to_points, to_views
 from massprops.sfm.free_adjustment import MOTION, MotionSystem, State, fit_line
-from massprops.sfm.free_motion import FreeRotation
+from massprops.sfm.free_motion import MOST_LOG, FreeRotation
 from massprops.sfm.points import residuals
 from massprops.sfm.reversed_depth import reversed_in_depth
 
@@ -98,6 +98,19 @@ def test_a_step_that_makes_the_body_race_is_not_taken():
     assert np.abs(state.tumble.turning.inertia).max() < 2.5
 
 
+def test_a_motion_that_begins_at_a_bound_is_adjusted_all_the_same():
+    """A body that is flatter than a motion may be: every step of the ratios leads out of their bound."""
+    times, slim = np.arange(0, 20.0), np.array([0.3, -3.2, 0.1, 0.2, -0.4])
+    true = FreeRotation(tumbling()[3], np.array([0.05, 0.1, -0.02]), slim, 0.0, 1.0)
+    views, points = filmed(list(range(20)), true.attitudes(times)[0])
+    near = replace(true.changed(np.r_[0.03, -0.03, 0.03, np.zeros(8)]), inertia=np.clip(slim, -MOST_LOG, MOST_LOG))
+    system = MotionSystem(views, points, times, 1.0, True)
+    start = State(fit_line(near, times, views.t, 0.2), 0.0, points.xyz)
+    found = system.settled(start, 20)
+    assert system.cost(found) < 0.7 * system.cost(start)  # where it stands still, 1
+    assert np.abs(found.tumble.turning.inertia).max() <= MOST_LOG
+
+
 def test_a_motion_is_the_same_before_its_beginning_and_after():
     found = tumble()[0].turning
     later = found.attitudes(np.array([9.0, -5.0, 3.0, 4.0]))[0]
@@ -138,5 +151,25 @@ def test_a_part_that_took_near_for_far_is_placed_by_the_motion_of_the_rest(tmp_p
     assert test_mapping.attitude_error(to_views(wrong)[0], truth) > 0.3
     found, _ = follow_free_motion(wrong, given)
     views, _ = to_views(found)
+    assert views.names == truth.names
+    assert test_mapping.attitude_error(views, truth) < 0.004
+
+
+def test_images_far_from_the_placed_ones_are_looked_for_last(tmp_path, monkeypatch):
+    """A motion is known about its own images: from sixteen it leads to five on a side, and from these on."""
+    given, truth = pieces(tmp_path, tumbling(40), which=range(40))
+    model = given.found.models[0]
+    ids = [i for _, i in sorted((model.image(i).name, i) for i in model.reg_image_ids())]
+    take_out_images(model, set(ids[16:]))
+    one, asked = along_motion._round, []
+
+    def seen(model, start, names, *rest):
+        asked.append(len(names))
+        return one(model, start, names, *rest)
+
+    monkeypatch.setattr(along_motion, "_round", seen)
+    found, _ = follow_free_motion(model, given)
+    views, _ = to_views(found)
+    assert asked == [16, 21, 27, 34, 40, 40, 40]
     assert views.names == truth.names
     assert test_mapping.attitude_error(views, truth) < 0.004

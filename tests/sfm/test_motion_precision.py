@@ -1,14 +1,20 @@
 """What a film's motion is known to: the seven numbers that no film shows are taken out, and nothing else."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
+from sfm.test_sound import to_model
 from test_along_motion import apart, tumble
 from test_free_motion import INERTIA, tumbling
+from test_joined_pieces import filmed
 
 from massprops.mass.ratio_space import log_components
 from massprops.sfm.along_motion import follow_free_motion, refine_along
-from massprops.sfm.free_adjustment import MotionSystem, State
-from massprops.sfm.motion_precision import UNSEEN, inverse_but_for, unseen
+from massprops.sfm.free_adjustment import MotionSystem, State, fit_line
+from massprops.sfm.free_motion import FreeRotation
+from massprops.sfm.motion_precision import UNSEEN, inverse_but_for, tumble_precision, unseen
 
 
 def test_what_no_film_shows_leaves_every_image_as_it_is():
@@ -37,6 +43,21 @@ def test_nothing_that_a_film_shows_faintly_is_taken_for_that():
     size = 1 / np.sqrt(np.diag(normal) + 1e-9 * np.diag(normal).max())
     assert np.linalg.matrix_rank(inverse / size[:, None] / size, tol=1e-9) == len(normal) - UNSEEN
     np.testing.assert_allclose(normal @ inverse @ normal, normal, rtol=1e-4, atol=1e-6 * np.abs(normal).max())
+
+
+@pytest.mark.parametrize("wobble", [0.0, 1e-9, 1e-6, 1e-5, 1e-3])
+def test_a_body_that_spins_about_one_axis_shows_no_ratio_and_no_error(wobble):
+    """Of a body in foil all images were placed within 0.4 degrees, and its covariance was less than nothing by rounding."""
+    times, inertia = np.arange(0, 20.0), np.array([0.5, 0.3, 0.0, 0.0, 0.0])
+    turning = FreeRotation(tumbling()[3], np.array([wobble, 0.1, 0.0]), inertia, 0.0, 1.0)
+    views, points = filmed(list(range(20)), turning.attitudes(times)[0])
+    found = fit_line(turning, times, views.t, 0.2)
+    R, t = found.poses(times)
+    model, clock = to_model(replace(views, R=R, t=t), points), dict(zip(views.names, times, strict=True))
+    precision = tumble_precision(model, found, clock.__getitem__, 1.0, True, views.names)
+    assert np.all(precision.attitude > 0) and precision.attitude.max() < 1e-3
+    spread = np.linalg.eigvalsh(precision.shown.covariance)
+    assert spread[0] > -1e-12 * spread[-1] and spread[-1] > 1e3
 
 
 def test_the_inertia_is_within_what_is_stated(tmp_path):

@@ -13,7 +13,7 @@ from sfm.test_sound import footage, to_model
 
 from massprops.errors import NotPossible
 from massprops.sfm import reconstruct
-from massprops.sfm.attempt import jumps
+from massprops.sfm.attempt import SfmOptions, jumps
 from massprops.sfm.contradictions import Contradictions
 from massprops.sfm.footage import FootageRecord
 from massprops.sfm.predicted_images import predicted
@@ -102,3 +102,31 @@ def test_before_a_black_sky_a_jump_alone_cuts_a_film(monkeypatch: pytest.MonkeyP
     found = SimpleNamespace(database=Path())
     given: Any = SimpleNamespace(found=found, footage=SimpleNamespace(background="black"))
     assert reconstruct._unfolded(whole, given) == ((cut, "with parts") if taken else (whole, found))  # type: ignore[comparison-overlap,arg-type]
+
+
+@pytest.mark.parametrize(
+    ("repeats", "background", "dark", "placed", "then", "followed"),
+    [
+        (False, "black", 0, 36, 79, True),
+        (False, "black", 0, 36, 36, False),
+        (False, "black", 0, 84, 88, False),
+        (False, "black", 50, 36, 40, False),
+        (False, "black", 0, 6, 40, False),
+        (False, "still", 0, 36, 79, False),
+        (True, "still", 0, 84, 80, True),
+    ],
+)
+def test_a_film_is_followed_along_its_motion_where_images_of_it_are_left(
+    monkeypatch: pytest.MonkeyPatch, repeats: bool, background: str, dark: int, placed: int, then: int, followed: bool
+) -> None:
+    """Of a body in foil 36 of 88 images were placed, and the motion through these leads to 40 more."""
+    model, more = (SimpleNamespace(num_reg_images=lambda n=n: n) for n in (placed, then))
+    monkeypatch.setattr(reconstruct, "follow_free_motion", lambda *_: (more, "motion"))
+    features = {i: (range(0 if i < dark else 40), ()) for i in range(88)}
+    given: Any = SimpleNamespace(
+        found=SimpleNamespace(repeats=repeats, features=features),
+        footage=SimpleNamespace(background=background),
+        options=SfmOptions(),
+    )
+    found: Any = reconstruct._along_free_motion(model, given)  # type: ignore[arg-type]
+    assert found == ((more, "motion") if followed else None)
