@@ -27,7 +27,9 @@ class Model:
 
 def inputs(background: str = "still", repeats: bool = True) -> Any:
     """Forty images of a film, of whose features most have twins."""
-    footage = SimpleNamespace(moving_pictures=True, rig=False, background=background, frames=[SimpleNamespace(name=str(i)) for i in range(40)])
+    footage = SimpleNamespace(
+        moving_pictures=True, rig=False, background=background, frames=[SimpleNamespace(name=str(i)) for i in range(40)]
+    )
     found: Any = SimpleNamespace(repeats=repeats, database=Path("matches.db"))
     return ModelInputs(found, footage, SimpleNamespace(), Path("work"))  # type: ignore[arg-type]
 
