@@ -101,7 +101,7 @@ def test_how_a_depth_map_bends_is_found_beside_an_edge_and_in_noise() -> None:
     depth[np.random.default_rng(1).random(depth.shape) < 0.2] = 0.0
     depth *= 1 + 1e-4 * np.random.default_rng(2).standard_normal(depth.shape).astype(np.float32)
     bent = np.ones((*depth.shape, 3), np.float32)
-    fit_curvature(depth, bent, 0, 40)
+    fit_curvature(depth, depth > 0, bent, 0, 40)
     known = np.zeros_like(depth, bool)
     known[8:32, 10:41] = True
     known &= depth > 0
@@ -109,10 +109,13 @@ def test_how_a_depth_map_bends_is_found_beside_an_edge_and_in_noise() -> None:
     assert np.allclose(np.median(found, axis=0), [0.0004, -0.0001, 0.0006], atol=1e-5)
     assert np.quantile(np.abs(found - [0.0004, -0.0001, 0.0006]), 0.9) < 5e-5
     assert not bent[depth == 0].any()
+    some, wanted = np.ones_like(bent), np.random.default_rng(3).random(depth.shape) < 0.1
+    fit_curvature(depth, wanted, some, 0, 40)
+    assert np.array_equal(some[wanted], bent[wanted])
     few = np.zeros((30, 30), np.float32)
     few[10:12, 10:12] = 1.0
     out = np.ones((30, 30, 3), np.float32)
-    fit_curvature(few, out, 0, 30)
+    fit_curvature(few, few > 0, out, 0, 30)
     assert not out.any()
 
 
