@@ -11,6 +11,7 @@ import numpy as np
 
 from massprops.dense import patchmatch as pm
 from massprops.dense.curvature import fit_curvature
+from massprops.geometry.projection import camera_rows
 
 LEAST_WIDTH = 12.0
 """Grey-level width of the bilateral weights at which windows keep off shadows that move, and off other surfaces."""
@@ -87,10 +88,7 @@ class Matching:
     def of_kernel(self) -> tuple[pm.Reference, pm.Sources, pm.Frame]:
         """The same as the kernels take it."""
         rows, columns = self.sources.shape[1:]
-        K = self.Ks
-        intrinsics = np.stack([K[:, 0, 0], K[:, 1, 1], K[:, 0, 2], K[:, 1, 2]], axis=1)
-        cameras = np.concatenate([intrinsics, self.R.reshape(-1, 9), self.t], axis=1)
-        K = self.K
+        cameras, K = camera_rows(self.Ks, self.R, self.t), self.K
         ray = (1 / K[0, 0], -K[0, 2] / K[0, 0], 1 / K[1, 1], -K[1, 2] / K[1, 1])
         frame = pm.Frame(ray, rows, columns, *thresholds(self.noise, self.width), self.unique)
         return pm.Reference(self.image, self.mask), pm.Sources(pm.paired(self.sources), cameras), frame

@@ -15,6 +15,7 @@ from massprops.dense import reconstruct
 from massprops.dense.curvature import fit_curvature
 from massprops.dense.depthmap import Matching, depth_map
 from massprops.dense.noise import denoised, grey_noise
+from massprops.dense.patchmatch import paired
 from massprops.dense.reconstruct import DenseOptions, DensePoints, _unexplained, crop, dense_points
 from massprops.dense.select import select_views
 from massprops.errors import NotPossible
@@ -347,6 +348,12 @@ def test_the_kernels_are_one_piece_of_machine_code_each() -> None:
     assert cached == {"sweep", "polish"}
     assert not any(f.targetoptions.get("parallel") for f in compiled.values())
     assert all(f.targetoptions.get("inline") == "always" for k, f in compiled.items() if k not in cached)
+
+
+def test_a_look_up_gives_a_pixel_and_the_next_one() -> None:
+    images = np.random.default_rng(6).random((2, 3, 5)).astype(np.float32)
+    both = paired(images).view(np.float32).reshape(2, 3, 5, 2)
+    assert np.array_equal(both[..., 0], images) and np.array_equal(both[..., :-1, 1], images[..., 1:])
 
 
 def test_noise_is_taken_out_where_there_is_much_of_it():
