@@ -45,22 +45,25 @@ PRODUCT = np.array(
 
 
 @nb.njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def fit_curvature(depth: Array, bent: Array, first: int, last: int) -> None:
+def fit_curvature(depth: Array, wanted: Array, bent: Array, first: int, last: int) -> None:
     """Local quadratic fits of the inverse depth, by Tukey's biweight, relative to the inverse depth of the pixel.
 
     Args:
         depth: (h, w) float32, 0 where none.
+        wanted: (h, w) bool, where a fit is asked for.
         bent: (h, w, 3) float32, written: relative second derivatives by columns, by both, and by rows [1/px^2]; 0 where
-            too few pixels about have a depth.
+            too few pixels about have a depth, and where none is asked for.
         first, last: rows to work on, [first, last).
     """
     value, known = np.zeros(PIXELS, np.float32), np.zeros(PIXELS, np.float32)
     room, moment = np.empty((2, PIXELS), np.float32), np.empty(len(MONOMIALS))
     normal, answer = np.empty((TERMS, TERMS)), np.empty(TERMS)
+    w = depth.shape[1]
     for y in range(first, last):
-        for x in range(depth.shape[1]):
+        for x in range(w):
             bent[y, x, 0] = bent[y, x, 1] = bent[y, x, 2] = 0.0
-            if depth[y, x] <= 0.0:
+            next_one = x % 2 == 0 and x + 1 < w and wanted[y, x + 1]  # which takes this one's
+            if depth[y, x] <= 0.0 or not (wanted[y, x] or next_one):
                 continue
             if x % 2 == 1 and depth[y, x - 1] > 0.0:  # two neighbours have nearly all of their pixels in common
                 for p in range(3):

@@ -11,6 +11,7 @@ import numpy as np
 
 from massprops.dense import patchmatch as pm
 from massprops.dense.curvature import fit_curvature
+from massprops.geometry.projection import camera_rows
 
 LEAST_WIDTH = 12.0
 """Grey-level width of the bilateral weights at which windows keep off shadows that move, and off other surfaces."""
@@ -86,14 +87,11 @@ class Matching:
 
     def of_kernel(self) -> tuple[pm.Reference, pm.Sources, pm.Frame]:
         """The same as the kernels take it."""
-        count, rows, columns = self.sources.shape
-        K = self.Ks
-        intrinsics = np.stack([K[:, 0, 0], K[:, 1, 1], K[:, 0, 2], K[:, 1, 2]], axis=1)
-        cameras = np.concatenate([intrinsics, self.R.reshape(-1, 9), self.t], axis=1)
-        K = self.K
+        rows, columns = self.sources.shape[1:]
+        cameras, K = camera_rows(self.Ks, self.R, self.t), self.K
         ray = (1 / K[0, 0], -K[0, 2] / K[0, 0], 1 / K[1, 1], -K[1, 2] / K[1, 1])
         frame = pm.Frame(ray, rows, columns, *thresholds(self.noise, self.width), self.unique)
-        return pm.Reference(self.image, self.mask), pm.Sources(self.sources.reshape(count, -1), cameras), frame
+        return pm.Reference(self.image, self.mask), pm.Sources(pm.paired(self.sources), cameras), frame
 
 
 def depth_map(
@@ -112,16 +110,17 @@ def depth_map(
     half_sparse = np.column_stack([(sparse[:, :2] - 0.5) / 2, sparse[:, 2]])
     depth, normal = _start(half.mask, half.K, half_sparse, depths, seed)
     planes = pm.Planes(depth, normal, np.full(half.mask.shape, -1.0, np.float32))
-    _iterate(half, planes, depths, seed, COARSE, 2, pool)
+    _iterate(half.of_kernel(), planes, depths, seed, COARSE, 2, pool)
     shape = matching.mask.shape
     depth, normal = _doubled(depth, shape), _doubled(normal, shape)
     _shift_to_pixel(depth, normal, half.K, matching.K)
     planes = pm.Planes(depth, normal, np.full(shape, -1.0, np.float32))
-    _iterate(matching, planes, depths, seed + 1, FINE, 1, pool)
+    reference, sources, frame = given = matching.of_kernel()
+    _iterate(given, planes, depths, seed + 1, FINE, 1, pool)
     sigma = np.zeros_like(depth)
-    reference, sources, frame = matching.of_kernel()
     bent = np.zeros((*shape, 3), np.float32)
-    _by_rows(pool, fit_curvature, shape[0], np.where(planes.cost < BENT_COST, depth, 0).astype(np.float32), bent)
+    known = np.where(planes.cost < BENT_COST, depth, 0).astype(np.float32)
+    _by_rows(pool, fit_curvature, shape[0], known, matching.mask > 1, bent)
     _by_rows(pool, pm.polish, shape[0], reference, planes, bent, sources, frame, sigma, NOISE_PX)
     lost = (matching.mask < 2) | (planes.cost >= 1.0) | (planes.cost < 0) | (sigma <= 0)
     depth[lost] = 0.0
@@ -143,7 +142,7 @@ def thresholds(noise: float, least: float = LEAST_WIDTH) -> tuple[float, float]:
 
 
 def _iterate(
-    matching: Matching,
+    given: tuple[pm.Reference, pm.Sources, pm.Frame],
     planes: pm.Planes,
     depths: tuple[float, float],
     seed: int,
@@ -152,11 +151,11 @@ def _iterate(
     pool: Executor,
 ) -> None:
     """PatchMatch in place, an iteration for each size of random step."""
-    reference, sources, frame = matching.of_kernel()
+    reference, sources, frame = given
     for iteration, scale in enumerate(scales):
         steps = pm.Steps(*depths, iteration, seed, scale, 3, reach)
         for colour in (0, 1):
-            _by_rows(pool, pm.sweep, len(matching.image), reference, planes, sources, frame, steps, colour)
+            _by_rows(pool, pm.sweep, len(reference.image), reference, planes, sources, frame, steps, colour)
 
 
 def _by_rows(pool: Executor, kernel: Any, rows: int, *rest: Any) -> None:
@@ -168,7 +167,7 @@ def _by_rows(pool: Executor, kernel: Any, rows: int, *rest: Any) -> None:
 def _start(
     mask: np.ndarray, K: np.ndarray, sparse: np.ndarray, depths: tuple[float, float], seed: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Depth of the nearest sparse point, with a spread; normals towards the camera, with a spread."""
+    """Depth of the nearest sparse point, with a spread; normals towards the camera, with a spread; 0 off the mask."""
     rng = np.random.default_rng(seed)
     h, w = mask.shape
     v, u = np.nonzero(mask)
@@ -182,19 +181,20 @@ def _start(
     else:
         start = rng.uniform(*depths, len(u))
     depth[v, u] = np.clip(start, *depths)
-    ray = np.stack(
-        [
-            (np.arange(w) - K[0, 2]) / K[0, 0] + np.zeros((h, 1)),
-            (np.arange(h)[:, None] - K[1, 2]) / K[1, 1] + np.zeros(w),
-            np.ones((h, w)),
-        ],
-        -1,
-    )
-    normal = -ray / np.linalg.norm(ray, axis=-1, keepdims=True) + 0.5 * rng.standard_normal((h, w, 3))
-    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    away = np.einsum("hwi,hwi->hw", normal, ray) > -0.1
-    normal[away] = -ray[away] / np.linalg.norm(ray[away], axis=-1, keepdims=True)
-    return depth, normal.astype(np.float32)
+    ray = _rays(u, v, K)
+    toward = -ray / np.linalg.norm(ray, axis=-1, keepdims=True)
+    drawn = toward + 0.5 * rng.standard_normal((h, w, 3))[v, u]
+    drawn /= np.linalg.norm(drawn, axis=-1, keepdims=True)
+    away = np.einsum("mi,mi->m", drawn, ray) > -0.1
+    drawn[away] = toward[away]
+    normal = np.zeros((h, w, 3), np.float32)
+    normal[v, u] = drawn
+    return depth, normal
+
+
+def _rays(x: np.ndarray, y: np.ndarray, K: np.ndarray) -> np.ndarray:
+    """Lines of sight (m, 3) of pixels (m,), of depth 1."""
+    return np.stack([(x - K[0, 2]) / K[0, 0], (y - K[1, 2]) / K[1, 1], np.ones(len(x))], axis=-1)
 
 
 def _doubled(field: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
@@ -205,13 +205,9 @@ def _doubled(field: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
 
 def _shift_to_pixel(depth: np.ndarray, normal: np.ndarray, half_K: np.ndarray, K: np.ndarray) -> None:
     """Depth of the coarse pixel's plane on each fine pixel's own ray, in place."""
-    h, w = depth.shape
-    v, u = np.mgrid[0:h, 0:w]
-
-    def rays(x: np.ndarray, y: np.ndarray, k: np.ndarray) -> np.ndarray:
-        return np.stack([(x - k[0, 2]) / k[0, 0], (y - k[1, 2]) / k[1, 1], np.ones_like(x, float)], axis=-1)
-
-    before = np.einsum("hwi,hwi->hw", normal, rays(u // 2, v // 2, half_K))
-    after = np.einsum("hwi,hwi->hw", normal, rays(u, v, K))
+    v, u = np.nonzero(depth)
+    own = normal[v, u]
+    before = np.einsum("mi,mi->m", own, _rays(u // 2, v // 2, half_K))
+    after = np.einsum("mi,mi->m", own, _rays(u, v, K))
     factor = np.clip(np.where(np.abs(after) > 0.05, before / np.where(after == 0, 1, after), 1.0), 0.97, 1.03)
-    depth *= factor.astype(np.float32)
+    depth[v, u] *= factor.astype(np.float32)

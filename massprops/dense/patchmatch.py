@@ -33,7 +33,10 @@ DY = np.repeat(_GRID, SIDE).astype(np.float32)
 BEST = 3
 WORST = 2.0
 """Cost of a plane that cannot be judged; 1 - NCC is at most 2."""
+SURE = 0.01
+"""Room for rounding, by which a cost that ends below 0 could be better than what is known of it."""
 LEAST_WEIGHT = 0.2
+"""Share of a window that must look like its middle in both images."""
 SIDES = np.array([-1.0, 0.0, 1.0, -8.0, -4.0, 4.0, 8.0])
 """Half pixels of parallax at which a depth is judged last: about it, and elsewhere."""
 UNIQUE = 0.25
@@ -41,12 +44,15 @@ UNIQUE = 0.25
 with less than 0.1, 64 to 75 % and 50 % were wrong by more than a pixel, most of them too deep; with 0.3, 46 and 29 %; above 1,
 15 to 26 % and 1 to 4 %. What is said less clearly is wrong too often to outvote silhouettes: 69 and 55 % of what was wrong
 goes, and 35 and 9 % of what was right. Two pixels alone find 65 and 52 % of it, six places 70 and 57 %."""
-"""Share of a window that must look like its middle in both images."""
 
 Plane = tuple[float, float, float, float]
 """Depth at the pixel and normal."""
 Ray = tuple[float, float, float, float]
 """1/fu, -cu/fu, 1/fv, -cv/fv: from a pixel to its ray."""
+Camera = tuple[float, ...]
+"""The 16 numbers of a source's camera, see `Sources`."""
+Warp = tuple[bool, float, float, float, float, float, float, float, float, float, float]
+"""What `_warp` gives."""
 
 
 class Reference(NamedTuple):
@@ -58,8 +64,8 @@ class Reference(NamedTuple):
 
 
 class Sources(NamedTuple):
-    """The views that it is matched with: images (s, rows * columns) float32 grey, flat; cameras (s, 16) fu fv cu cv, and
-    the rotation, row by row, and translation from the reference's camera to the source's."""
+    """The views that it is matched with: images (s * rows * columns,) as `paired` makes them, one after the other; cameras
+    (s, 16) fu fv cu cv, and the rotation, row by row, and translation from the reference's camera to the source's."""
 
     images: np.ndarray
     cameras: np.ndarray
@@ -172,9 +178,7 @@ def _bend_window(window: Array, bent: Array, d: float) -> float:
 
 
 @nb.njit(inline="always", fastmath=True, error_model="numpy")
-def _warp(
-    x: int, y: int, plane: Plane, bulge: float, camera: Array, frame: Frame
-) -> tuple[bool, float, float, float, float, float, float, float, float, float, float]:
+def _warp(x: int, y: int, plane: Plane, bulge: float, camera: Camera, frame: Frame) -> Warp:
     """The plane's homography about the pixel: numerators and denominator, linear in the offset (dx, dy) from it.
 
     H = K_s (R + t n^T / offset) K^-1. Gives whether the whole window falls inside the source, the numerators of u and
@@ -209,51 +213,57 @@ def _warp(
     for corner in range(4):
         dx = RADIUS if corner & 1 else -RADIUS
         dy = RADIUS if corner & 2 else -RADIUS
-        e = 1.0 + c1 * dx + c2 * dy
-        u, v = (u0 + u1 * dx + u2 * dy) / e, (v0 + v1 * dx + v2 * dy) / e
-        if not (u >= beyond_u and u < frame.columns - 1.01 - beyond_u):
+        e = 1.0 + c1 * dx + c2 * dy  # above 0
+        u, v = u0 + u1 * dx + u2 * dy, v0 + v1 * dx + v2 * dy
+        if not (u >= beyond_u * e and u < (frame.columns - 1.01 - beyond_u) * e):
             return nothing
-        if not (v >= beyond_v and v < frame.rows - 1.01 - beyond_v):
+        if not (v >= beyond_v * e and v < (frame.rows - 1.01 - beyond_v) * e):
             return nothing
     return True, u0, u1, u2, v0, v1, v2, c1, c2, by_u, by_v
 
 
 @nb.njit(inline="always", fastmath=True, error_model="numpy")
-def _bilinear(source: Array, columns: int, u: np.floating, v: np.floating) -> np.floating:
-    """A flat image's value between four pixels; u, v float32."""
+def _camera(cameras: Array, s: int) -> Camera:
+    """One row of the sources' cameras as numbers."""
+    c = cameras[s]
+    return (c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8], c[9], c[10], c[11], c[12], c[13], c[14], c[15])
+
+
+@nb.njit(inline="always", fastmath=True, error_model="numpy")
+def _bilinear(images: Array, first: np.uint32, columns: int, u: np.floating, v: np.floating) -> np.floating:
+    """The value between four pixels of the image that begins at `first` of those that `paired` gives; u, v float32."""
     j, i = np.int32(u), np.int32(v)
     fu, fv = u - np.float32(j), v - np.float32(i)
-    at = np.uint32(i * columns + j)
-    top = source[at] + fu * (source[at + np.uint32(1)] - source[at])
-    at += np.uint32(columns)
-    low = source[at] + fu * (source[at + np.uint32(1)] - source[at])
+    at = first + np.uint32(i * columns + j)
+    upper, lower = images[at], images[at + np.uint32(columns)]
+    top, low = np.int32(upper).view(np.float32), np.int32(lower).view(np.float32)
+    top += fu * (np.int32(upper >> 32).view(np.float32) - top)
+    low += fu * (np.int32(lower >> 32).view(np.float32) - low)
     out: np.floating = top + fv * (low - top)
     return out
 
 
 @nb.njit(inline="always", fastmath=True, error_model="numpy")
-def _ncc_cost(
-    x: int, y: int, plane: Plane, bulge: float, window: Array, mean: float, source: Array, camera: Array, frame: Frame
-) -> float | np.floating:
-    """1 - NCC of the window warped by the plane and its bending into a source, weighted by the likeness to the middle in
-    both."""
-    inside, u0, u1, u2, v0, v1, v2, c1, c2, by_u, by_v = _warp(x, y, plane, bulge, camera, frame)
-    if not inside:
-        return WORST
+def _sums(
+    warp: Warp, window: Array, mean: float, images: Array, first: np.uint32, frame: Frame
+) -> tuple[np.floating, np.floating, np.floating, np.floating, np.floating, np.floating]:
+    """Sums over the window warped into the image that begins at `first`, weighted by the likeness to the middle in both: of the
+    weights; of the reference's values and their squares; of the source's; of their products."""
+    _, u0, u1, u2, v0, v1, v2, c1, c2, by_u, by_v = warp
     fu0, fu1, fu2 = np.float32(u0), np.float32(u1), np.float32(u2)
     fv0, fv1, fv2 = np.float32(v0), np.float32(v1), np.float32(v2)
     fc1, fc2, one = np.float32(c1), np.float32(c2), np.float32(1.0)
     bu, bv = np.float32(by_u), np.float32(by_v)
     s1, s2, cross = np.float32(0.0), np.float32(0.0), np.float32(0.0)
     total, o1, o2 = np.float32(0.0), np.float32(0.0), np.float32(0.0)
-    centre = _bilinear(source, frame.columns, fu0, fv0)
+    centre = _bilinear(images, first, frame.columns, fu0, fv0)
     sharp = np.float32(0.5 / (frame.level_sigma * frame.level_sigma))
     for k in range(SAMPLES):
         dx, dy = DX[k], DY[k]
         e = one / (one + fc1 * dx + fc2 * dy)
         b = window[2, k]
         at_u, at_v = (fu0 + fu1 * dx + fu2 * dy) * e + bu * b, (fv0 + fv1 * dx + fv2 * dy) * e + bv * b
-        v = _bilinear(source, frame.columns, at_u, at_v) - centre
+        v = _bilinear(images, first, frame.columns, at_u, at_v) - centre
         q = one / (one + v * v * sharp)
         ws = window[0, k] * q * q
         r = window[1, k] - np.float32(mean)
@@ -263,6 +273,14 @@ def _ncc_cost(
         s1 += ws * v
         s2 += ws * v * v
         cross += ws * v * r
+    return total, o1, o2, s1, s2, cross
+
+
+@nb.njit(inline="always", fastmath=True, error_model="numpy")
+def _ncc_cost(
+    total: np.floating, o1: np.floating, o2: np.floating, s1: np.floating, s2: np.floating, cross: np.floating
+) -> float | np.floating:
+    """1 - NCC by the sums over a window."""
     if total < LEAST_WEIGHT:
         return WORST
     s1, s2, o1, o2, cross = s1 / total, s2 / total, o1 / total, o2 / total, cross / total
@@ -280,18 +298,31 @@ def _cost(
     bulge: float,
     window: Array,
     mean: float,
-    images: Array,
-    cameras: Array,
+    sources: Sources,
     each: Array,
     frame: Frame,
+    limit: float,
 ) -> float:
-    """Mean of the best BEST sources' costs; each (s,) is room for them."""
-    count = len(images)
-    for s in range(count):
-        each[s] = _ncc_cost(x, y, plane, bulge, window, mean, images[s], cameras[s], frame)
+    """Mean of the best BEST sources' costs, or WORST as soon as it is sure to be above `limit`; each (s,) is room for them."""
+    images, cameras = sources
+    count = len(cameras)
     best = min(BEST, count)
-    total = 0.0
-    for _ in range(best):
+    total, most, worse = 0.0, 0.0, False
+    for s in range(count):
+        each[s] = WORST
+        warp = _warp(x, y, plane, bulge, _camera(cameras, s), frame)
+        if warp[0]:
+            total_, o1, o2, s1, s2, cross = _sums(
+                warp, window, mean, images, np.uint32(s * frame.rows * frame.columns), frame
+            )
+            each[s] = _ncc_cost(total_, o1, o2, s1, s2, cross)
+        total += each[s]
+        most = max(most, each[s])
+        worse = total - (count - best) * most > best * (limit + SURE)  # what is not counted is at most the worst
+        if worse:
+            break
+    total = WORST * best if worse else 0.0
+    for _ in range(0 if worse else best):
         low, at = 9.0, 0
         for s in range(count):
             if each[s] < low:
@@ -302,13 +333,8 @@ def _cost(
 
 
 @nb.njit(inline="always", fastmath=True, error_model="numpy")
-def _neighbour(
-    x: int, y: int, k: int, plane: Plane, mask: Array, depth: Array, normal: Array, ray: Ray, steps: Steps
-) -> tuple[bool, float, float, float, float]:
-    """The k-th neighbour's plane at the pixel: whether it is worth judging, depth there, normal."""
-    d, n0, n1, n2 = plane
-    h, w = mask.shape
-    nothing = (False, 0.0, 0.0, 0.0, 0.0)
+def _beside(x: int, y: int, k: int) -> tuple[int, int]:
+    """Row and column of the k-th neighbour of a pixel."""
     away = 1 + 2 * (k // 4)
     i, j = y, x
     if k % 4 == 0:
@@ -319,15 +345,25 @@ def _neighbour(
         i = y - away
     else:
         i = y + away
-    if i < 0 or j < 0 or i >= h or j >= w or mask[i, j] == 0 or depth[i, j] <= 0.0:
+    return i, j
+
+
+@nb.njit(inline="always", fastmath=True, error_model="numpy")
+def _neighbour(
+    x: int, y: int, i: int, j: int, plane: Plane, other: Plane, ray: Ray, steps: Steps
+) -> tuple[bool, float, float, float, float]:
+    """The plane of the neighbour (i, j) at the pixel: whether it is worth judging, depth there, normal."""
+    d, n0, n1, n2 = plane
+    nothing = (False, 0.0, 0.0, 0.0, 0.0)
+    away, m0, m1, m2 = other
+    if away <= 0.0:
         return nothing
-    m0, m1, m2 = normal[i, j, 0], normal[i, j, 1], normal[i, j, 2]
     rx, ry = ray[0] * x + ray[1], ray[2] * y + ray[3]
     slope = m0 * rx + m1 * ry + m2
     if slope > -0.05:
         return nothing
     jx, jy = ray[0] * j + ray[1], ray[2] * i + ray[3]
-    e = depth[i, j] * (m0 * jx + m1 * jy + m2) / slope
+    e = away * (m0 * jx + m1 * jy + m2) / slope
     if e < steps.near or e > steps.far:
         return nothing
     if abs(e - d) < 3e-5 * d and m0 * n0 + m1 * n1 + m2 * n2 > 0.9995:
@@ -377,9 +413,9 @@ def sweep(
         colour: 0 or 1: which half.
         first, last: rows to work on, [first, last).
     """
-    (image, mask), (depth, normal, cost), (images, cameras) = reference, planes, sources
+    (image, mask), (depth, normal, cost), cameras = reference, planes, sources.cameras
     h, w = mask.shape
-    window, each = np.zeros((3, SAMPLES), np.float32), np.empty(len(images), np.float64)
+    window, each = np.zeros((3, SAMPLES), np.float32), np.empty(len(cameras), np.float64)
     near_ones = 4 * steps.reach
     for y in range(first, last):
         for x in range((y + colour) % 2, w, 2):
@@ -398,7 +434,11 @@ def sweep(
                 if k < 0:
                     good, e, m0, m1, m2 = c < 0.0, d, n0, n1, n2
                 elif k < near_ones:
-                    good, e, m0, m1, m2 = _neighbour(x, y, k, own, mask, depth, normal, frame.ray, steps)
+                    i, j = _beside(x, y, k)
+                    if i < 0 or j < 0 or i >= h or j >= w or mask[i, j] == 0:
+                        continue
+                    other = (depth[i, j], normal[i, j, 0], normal[i, j, 1], normal[i, j, 2])
+                    good, e, m0, m1, m2 = _neighbour(x, y, i, j, own, other, frame.ray, steps)
                 else:
                     good, e, m0, m1, m2 = _random_step(
                         x, y, y * w + x, k - near_ones, own, size, colour, frame.ray, steps
@@ -407,7 +447,7 @@ def sweep(
                     continue
                 if k >= near_ones:
                     size *= 0.6
-                g = _cost(x, y, (e, m0, m1, m2), 0.0, window, mean, images, cameras, each, frame)
+                g = _cost(x, y, (e, m0, m1, m2), 0.0, window, mean, sources, each, frame, 9.0 if k < 0 else c)
                 if k < 0 or g < c:
                     d, n0, n1, n2, c = e, m0, m1, m2, g
             depth[y, x], cost[y, x] = d, c
@@ -452,9 +492,9 @@ def polish(
     Arguments as of `sweep`; windows bend by `bent` (h, w, 3), see `curvature.py`; `sigma` (h, w) float32 is written: one sigma of the depth along the line of sight, from the
     parallax per depth of the sources and `noise_px`, widened where the cost is high or flat.
     """
-    (image, mask), (depth, normal, cost), (images, cameras) = reference, planes, sources
+    (image, mask), (depth, normal, cost), cameras = reference, planes, sources.cameras
     h, w = mask.shape
-    window, each = np.zeros((3, SAMPLES), np.float32), np.empty(len(images), np.float64)
+    window, each = np.zeros((3, SAMPLES), np.float32), np.empty(len(cameras), np.float64)
     for y in range(first, last):
         for x in range(w):
             sigma[y, x] = 0.0
@@ -472,7 +512,8 @@ def polish(
             # elsewhere only where it is asked for; one call: each is compiled on its own
             for k in range(len(SIDES) if frame.unique > 0.0 else 3):
                 plane = (d + SIDES[k] * step, n0, n1, n2)
-                g = _cost(x, y, plane, bulge, window, mean, images, cameras, each, frame)
+                limit = 9.0 if k < 3 else c + frame.unique * c
+                g = _cost(x, y, plane, bulge, window, mean, sources, each, frame, limit)
                 if k == 0:
                     low = g
                 elif k == 1:
@@ -494,7 +535,18 @@ def polish(
             sigma[y, x] = noise_px / parallax * math.sqrt(flat) * (1.0 + 2.0 * c)
 
 
+def paired(images: np.ndarray) -> np.ndarray:
+    """Float32 images (s, h, w) as int64 (s * h * w,): the lower half of each is a pixel, the upper half the next one of its row, so
+    that one look-up gives both."""
+    pairs = np.zeros((*images.shape, 2), np.float32)
+    pairs[..., 0] = images
+    pairs[..., :-1, 1] = images[..., 1:]
+    return pairs.view(np.int64).ravel()
+
+
 def grey_pyramid_half(image: np.ndarray) -> np.ndarray:
     """Half the size by area, (h // 2, w // 2)."""
     h, w = image.shape[0] // 2 * 2, image.shape[1] // 2 * 2
-    return image[:h, :w].reshape(h // 2, 2, w // 2, 2).mean(axis=(1, 3), dtype=np.float32)
+    upper, lower = image[:h:2, :w], image[1:h:2, :w]
+    four = (upper[:, ::2] + upper[:, 1::2]) + (lower[:, ::2] + lower[:, 1::2])
+    return np.asarray(four / np.float32(4))

@@ -18,7 +18,7 @@ from massprops.dense.patchmatch import UNIQUE
 from massprops.dense.select import Sparse, seen_points, select_views
 from massprops.errors import NotPossible
 from massprops.geometry.facing import facing_points
-from massprops.geometry.projection import project
+from massprops.geometry.projection import intrinsics, project
 from massprops.views import Views
 
 MOST_PIXELS = 40_000
@@ -134,8 +134,8 @@ class _Scene:
     @property
     def cameras(self) -> Cameras:
         """Of the references, cut and reduced."""
-        K = np.array([[k[0, 0], k[1, 1], k[0, 2], k[1, 2]] for k in (self.cut[i].K for i in self.reference)])
-        return Cameras(K, self.views.R[self.reference], self.views.t[self.reference])
+        K = np.stack([self.cut[i].K for i in self.reference])
+        return Cameras(intrinsics(K), self.views.R[self.reference], self.views.t[self.reference])
 
     def matching(self, n: int, mask: np.ndarray, wide: bool) -> Matching:
         """The n-th reference and its sources; mask: what of it is wanted.

@@ -12,3 +12,17 @@ def project(points: np.ndarray, K: np.ndarray, R: np.ndarray, t: np.ndarray) -> 
     safe = np.where(depth > 1e-9, depth, 1.0)
     uv = (camera[:, :2] / safe[:, None]) @ K[:2, :2].T + K[:2, 2]
     return uv, depth
+
+
+def intrinsics(K: np.ndarray) -> np.ndarray:
+    """Focal lengths and principal point (n, 4), fu fv cu cv, of camera matrices (n, 3, 3) [px]."""
+    return np.stack([K[:, 0, 0], K[:, 1, 1], K[:, 0, 2], K[:, 1, 2]], axis=1)
+
+
+def camera_rows(K: np.ndarray, R: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Cameras as compiled loops take them (n, 16): fu fv cu cv, the rotation row by row, the translation.
+
+    Args:
+        K: (n, 3, 3) pinhole matrices [px]; R: (n, 3, 3), t: (n, 3): to the camera.
+    """
+    return np.concatenate([intrinsics(K), R.reshape(-1, 9), t], axis=1)

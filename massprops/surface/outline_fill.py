@@ -41,7 +41,7 @@ def filling_outlines(
     out, reach = vertices.copy(), REACH * float(np.ptp(vertices, axis=0).max())
     moving = np.flatnonzero(free)
     for _ in range(ROUNDS):
-        face, gap = on_outlines(out, faces, views, masks)
+        face, gap, _ = on_outlines(out, faces, views, masks)
         own = free[faces[face]].all(axis=1)
         face, gap = face[own], gap[own]
         if len(face) < NEIGHBOURS:

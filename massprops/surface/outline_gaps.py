@@ -11,12 +11,13 @@ A face that is on the mesh's outline in a view looks across the view, so the gap
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from massprops.core.robust import nanmedian
 from massprops.surface.refine import face_normals
+from massprops.surface.silhouette import overlap
 from massprops.views import Views
 
 FARTHEST = 16.0
@@ -46,12 +47,14 @@ class Gaps:
             all that do: what all views measure too deep alike is as deep there.
         distance: (f,) from the nearest place that an outline shows where the mesh has it [world units], on the same side of a
             thin part; infinite where there is none.
+        overlap: (n,) of each view, as `silhouette.agreement` gives it.
     """
 
     offset: np.ndarray
     drift: float
     middle: np.ndarray
     distance: np.ndarray
+    overlap: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
 
 def outline_gaps(vertices: np.ndarray, faces: np.ndarray, views: Views, masks: list[np.ndarray], reach: float) -> Gaps:
@@ -64,9 +67,9 @@ def outline_gaps(vertices: np.ndarray, faces: np.ndarray, views: Views, masks: l
     """
     from scipy.spatial import cKDTree
 
-    face, gap = on_outlines(vertices, faces, views, masks)
+    face, gap, alike = on_outlines(vertices, faces, views, masks)
     if len(face) < NEIGHBOURS:
-        return Gaps(np.zeros(len(faces)), 0.0, np.zeros(len(faces)), np.full(len(faces), np.inf))
+        return Gaps(np.zeros(len(faces)), 0.0, np.zeros(len(faces)), np.full(len(faces), np.inf), alike)
     # the two sides of a plate are different places
     place = np.column_stack([vertices[faces].mean(axis=1), 2 * reach * face_normals(vertices, faces)])
     near, which = cKDTree(place[face]).query(place, NEIGHBOURS, distance_upper_bound=reach)
@@ -82,7 +85,7 @@ def outline_gaps(vertices: np.ndarray, faces: np.ndarray, views: Views, masks: l
     agree = np.unique(face[_beyond_margin(gap) == 0])
     away = cKDTree(place[agree]).query(place)[0] if len(agree) else np.full(len(faces), np.inf)
     elsewhere = float(middle[enough].mean()) if enough.any() else 0.0
-    return Gaps(wrong * _beyond_margin(middle), drift, np.where(enough, middle, elsewhere), away)
+    return Gaps(wrong * _beyond_margin(middle), drift, np.where(enough, middle, elsewhere), away, alike)
 
 
 def _beyond_margin(gap: np.ndarray) -> np.ndarray:
@@ -99,17 +102,19 @@ def _spread(apart: np.ndarray) -> float:
 
 def on_outlines(
     vertices: np.ndarray, faces: np.ndarray, views: Views, masks: list[np.ndarray]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Faces (k,) on the mesh's outline in some view, and how far outside it the object's outline is there (k,) [px]."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Faces (k,) on the mesh's outline in some view, how far outside it the object's outline is there (k,) [px], and how much of
+    each view's silhouette the mesh covers (n,), as `silhouette.agreement` gives it."""
     from massprops.geometry.rasterise import rasterise
 
-    found, gaps = [np.zeros(0, int)], [np.zeros(0)]
+    found, gaps, alike = [np.zeros(0, int)], [np.zeros(0)], np.zeros(len(masks))
     for i, mask in enumerate(masks):
         drawn = rasterise(vertices, faces, views.K[i], views.R[i], views.t[i], mask.shape[::-1])[1]
         rim, gap = _gaps(drawn >= 0, mask)
+        alike[i] = overlap(drawn >= 0, mask)
         found.append(drawn[rim])
         gaps.append(gap)
-    return np.concatenate(found), np.concatenate(gaps)
+    return np.concatenate(found), np.concatenate(gaps), alike
 
 
 def _gaps(drawn: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

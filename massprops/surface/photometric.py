@@ -21,6 +21,7 @@ from numba import njit
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
+from massprops.geometry.projection import camera_rows
 from massprops.geometry.rasterise import rasterise
 from massprops.surface.cloud import Cloud
 from massprops.surface.reconstruct import Surface
@@ -166,10 +167,8 @@ def _off_support(vertices: np.ndarray, support: np.ndarray | None, pixel: float)
 def _packed(views: Views, grey: list[np.ndarray]) -> _Images:
     size = np.array([g.size for g in grey])
     shape = np.array([(a, *g.shape) for a, g in zip(np.cumsum(size) - size, grey, strict=True)], np.int64)
-    K = np.asarray(views.K)
-    intrinsics = np.stack([K[:, 0, 0], K[:, 1, 1], K[:, 0, 2], K[:, 1, 2]], axis=1)
-    camera = np.concatenate([intrinsics, views.R.reshape(-1, 9), views.t], axis=1)
-    return _Images(np.concatenate([g.ravel() for g in grey]).astype(np.float32), shape, camera)
+    image = np.concatenate([g.ravel() for g in grey]).astype(np.float32)
+    return _Images(image, shape, camera_rows(views.K, views.R, views.t))
 
 
 def _spread_out(vertices: np.ndarray, apart: float) -> np.ndarray:

@@ -11,6 +11,7 @@ that make the same body.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,6 +21,9 @@ from massprops.surface.coherence import MOST, TOUCHES, Extent, Pair, Witnesses, 
 from massprops.surface.photo_consistency import Photographs
 from massprops.surface.silhouette import make_hull
 from massprops.views import Views
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 TRIED, FITTED, KEPT = 12_000, 120, 40
 """Turns scored, those of them that are fitted to the silhouettes, and the different answers that are refined."""
@@ -388,17 +392,17 @@ def _witnesses(side: Placed, rng: np.random.Generator) -> Witnesses:
     return Witnesses(np.concatenate([side.rims.xyz, xyz]), start)
 
 
-def texture(xyz: np.ndarray, colour: np.ndarray, at: np.ndarray) -> np.ndarray:
+def texture(xyz: np.ndarray, colour: np.ndarray, at: np.ndarray, tree: cKDTree | None = None) -> np.ndarray:
     """(m, 3) logarithm of the colour over that of the surroundings: what is painted, not how it is lit.
 
     The lamp stays where it is when the object is turned, so that light and shade would join the wrong sides.
 
     Args:
-        xyz, colour: (n, 3) points; at: (m, 3) where it is wanted.
+        xyz, colour: (n, 3) points; at: (m, 3) where it is wanted; tree: of the points, where there is one.
     """
     from scipy.spatial import cKDTree
 
-    near = cKDTree(xyz).query(at, k=min(COARSE, len(xyz)))[1]
+    near = (cKDTree(xyz) if tree is None else tree).query(at, k=min(COARSE, len(xyz)))[1]
     levels = [np.log(colour[near[:, :k]].mean(1, dtype=float) + 4.0) for k in (FINE, COARSE)]
     return np.asarray(levels[0] - levels[1])
 

@@ -173,7 +173,7 @@ def shaded(
         off.append(MAD_TO_SIGMA * float(np.median(np.abs(residual[counts]))) if counts.any() else np.inf)
         if round_ >= FEWEST and moved < SETTLED * hull.pixel:
             return Shaded(at, faces, off[-1], light, power) if off[-1] < off[0] else None
-        step = _step(at, faces, part, on_outlines(at, faces, *fitted), film, light, power)
+        step = _step(at, faces, part, on_outlines(at, faces, *fitted)[:2], film, light, power)
         # a hull holds its body
         step = np.where(hull.value(at) > 0, np.minimum(step, 0.0), step)
         moved = float(np.sqrt(np.mean(step**2)))

@@ -171,10 +171,14 @@ def agreement(vertices: np.ndarray, faces: np.ndarray, views: Views, masks: list
     out = np.full(len(masks), np.nan)
     for i, mask in enumerate(masks):
         if (mask == 255).any():
-            drawn = silhouette(vertices, faces, views.K[i], views.R[i], views.t[i], mask.shape[::-1])
-            own, known = mask == 255, (mask == 0) | (mask == 255)
-            out[i] = np.count_nonzero(own & drawn) / np.count_nonzero((own | drawn) & known)
+            out[i] = overlap(silhouette(vertices, faces, views.K[i], views.R[i], views.t[i], mask.shape[::-1]), mask)
     return out
+
+
+def overlap(drawn: np.ndarray, mask: np.ndarray) -> float:
+    """Intersection over union of a drawn body (h, w) bool and a silhouette, NaN where that is empty; see `agreement`."""
+    own, known = mask == 255, (mask == 0) | (mask == 255)
+    return np.count_nonzero(own & drawn) / np.count_nonzero((own | drawn) & known) if own.any() else np.nan
 
 
 _View = tuple[np.ndarray, int, int, tuple[float, ...]]

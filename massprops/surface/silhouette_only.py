@@ -135,6 +135,8 @@ def _missing(mask: np.ndarray, edge: float, drawn: np.ndarray) -> np.ndarray:
     if not (mask == 255).any():
         return np.zeros(mask.shape, bool)
     deep = cv2.distanceTransform((mask == 255).astype(np.uint8), cv2.DIST_L2, 5) > edge
+    if not (deep & ~drawn).any():
+        return np.zeros(mask.shape, bool)
     apart = cv2.distanceTransform((~drawn).astype(np.uint8), cv2.DIST_L2, 5) > EDGE
     return np.asarray(deep & apart)
 

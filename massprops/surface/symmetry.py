@@ -138,7 +138,7 @@ class _Painted:
 
     def paint(self, index: np.ndarray) -> np.ndarray:
         """(m, 3) what is painted at measured points."""
-        return texture(self.xyz, self.colour, self.xyz[index])
+        return texture(self.xyz, self.colour, self.xyz[index], self.tree)
 
     def turned(self, number: int, fold: int, axis: np.ndarray, centre: np.ndarray) -> Symmetry | None:
         """The turn by one of `fold` sides, where the body looks the same after it."""

@@ -46,14 +46,18 @@ class Tetrahedra:
         t, k, other = t[once], k[once], other[once]
         return t, k, other, np.argmax(self.neighbours[other] == t[:, None], axis=1)
 
+    @cached_property
+    def incidence(self) -> tuple[np.ndarray, np.ndarray]:
+        """CSR of the tetrahedra about each point: (p + 1,) int64 and (4t,) int32."""
+        flat = self.corners.ravel()
+        order = np.argsort(flat, kind="stable")
+        start = np.searchsorted(flat[order], np.arange(len(self.points) + 1))
+        return start.astype(np.int64), (order // 4).astype(np.int32)
+
     @property
     def facet_area(self) -> np.ndarray:
         """(t, 4) area of the facet across from corner k."""
-        out = np.empty(self.corners.shape)
-        for k in range(4):
-            a, b, c = (self.points[self.corners[:, j]] for j in range(4) if j != k)
-            out[:, k] = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
-        return out
+        return np.asarray(_facet_areas(self.points, self.corners))
 
 
 def tetrahedralise(points: np.ndarray) -> Tetrahedra:
@@ -83,22 +87,27 @@ def sight_evidence(
     into = np.zeros(tetra.corners.shape)
     free = np.zeros(len(tetra.corners))
     lines = (point, centre, sigma, weight)
-    _trace(tetra.points, tetra.corners, tetra.neighbours, _incidence(tetra), lines, into, free)
+    _trace(tetra.points, tetra.corners, tetra.neighbours, tetra.incidence, lines, into, free)
     return into, free
 
 
 def tetrahedra_at_depth(tetra: Tetrahedra, point: np.ndarray, direction: np.ndarray, depth: np.ndarray) -> np.ndarray:
     """(r,) the tetrahedron at `depth` from `tetra.points[point]` along `direction`, -1 where there is none."""
-    start, tets = _incidence(tetra)
+    start, tets = tetra.incidence
     return _tetrahedra_at_depth(tetra.points, tetra.corners, tetra.neighbours, start, tets, point, direction, depth)
 
 
-def _incidence(tetra: Tetrahedra) -> tuple[np.ndarray, np.ndarray]:
-    """CSR of the tetrahedra about each point."""
-    flat = tetra.corners.ravel()
-    order = np.argsort(flat, kind="stable")
-    start = np.searchsorted(flat[order], np.arange(len(tetra.points) + 1))
-    return start.astype(np.int64), (order // 4).astype(np.int32)
+@njit(cache=True, error_model="numpy")
+def _facet_areas(points: Array, corners: Array) -> Array:
+    out = np.empty(corners.shape)
+    for t in range(len(corners)):
+        for k in range(4):
+            a, b, c = corners[t, 1 if k == 0 else 0], corners[t, 2 if k < 2 else 1], corners[t, 2 if k == 3 else 3]
+            ux, uy, uz = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
+            vx, vy, vz = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1], points[c, 2] - points[a, 2]
+            nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+            out[t, k] = 0.5 * np.sqrt(nx * nx + ny * ny + nz * nz)
+    return out
 
 
 @njit(cache=True, inline="always", error_model="numpy")

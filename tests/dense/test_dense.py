@@ -15,6 +15,7 @@ from massprops.dense import reconstruct
 from massprops.dense.curvature import fit_curvature
 from massprops.dense.depthmap import Matching, depth_map
 from massprops.dense.noise import denoised, grey_noise
+from massprops.dense.patchmatch import paired
 from massprops.dense.reconstruct import DenseOptions, DensePoints, _unexplained, crop, dense_points
 from massprops.dense.select import select_views
 from massprops.errors import NotPossible
@@ -101,7 +102,7 @@ def test_how_a_depth_map_bends_is_found_beside_an_edge_and_in_noise() -> None:
     depth[np.random.default_rng(1).random(depth.shape) < 0.2] = 0.0
     depth *= 1 + 1e-4 * np.random.default_rng(2).standard_normal(depth.shape).astype(np.float32)
     bent = np.ones((*depth.shape, 3), np.float32)
-    fit_curvature(depth, bent, 0, 40)
+    fit_curvature(depth, depth > 0, bent, 0, 40)
     known = np.zeros_like(depth, bool)
     known[8:32, 10:41] = True
     known &= depth > 0
@@ -109,10 +110,13 @@ def test_how_a_depth_map_bends_is_found_beside_an_edge_and_in_noise() -> None:
     assert np.allclose(np.median(found, axis=0), [0.0004, -0.0001, 0.0006], atol=1e-5)
     assert np.quantile(np.abs(found - [0.0004, -0.0001, 0.0006]), 0.9) < 5e-5
     assert not bent[depth == 0].any()
+    some, wanted = np.ones_like(bent), np.random.default_rng(3).random(depth.shape) < 0.1
+    fit_curvature(depth, wanted, some, 0, 40)
+    assert np.array_equal(some[wanted], bent[wanted])
     few = np.zeros((30, 30), np.float32)
     few[10:12, 10:12] = 1.0
     out = np.ones((30, 30, 3), np.float32)
-    fit_curvature(few, out, 0, 30)
+    fit_curvature(few, few > 0, out, 0, 30)
     assert not out.any()
 
 
@@ -344,6 +348,12 @@ def test_the_kernels_are_one_piece_of_machine_code_each() -> None:
     assert cached == {"sweep", "polish"}
     assert not any(f.targetoptions.get("parallel") for f in compiled.values())
     assert all(f.targetoptions.get("inline") == "always" for k, f in compiled.items() if k not in cached)
+
+
+def test_a_look_up_gives_a_pixel_and_the_next_one() -> None:
+    images = np.random.default_rng(6).random((2, 3, 5)).astype(np.float32)
+    both = paired(images).view(np.float32).reshape(2, 3, 5, 2)
+    assert np.array_equal(both[..., 0], images) and np.array_equal(both[..., :-1, 1], images[..., 1:])
 
 
 def test_noise_is_taken_out_where_there_is_much_of_it():

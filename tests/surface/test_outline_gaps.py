@@ -13,7 +13,7 @@ from surface.synthetic_dense import cameras, observe, sphere_directions
 from massprops.geometry.rasterise import silhouette
 from massprops.surface.outline_gaps import Gaps, outline_gaps
 from massprops.surface.reconstruct import Surface, reconstruct_surface
-from massprops.surface.silhouette import make_hull
+from massprops.surface.silhouette import agreement, make_hull
 from massprops.surface.spread import Doubts, replicates
 from massprops.views import Views
 
@@ -48,6 +48,7 @@ def test_right_cameras_and_a_right_mesh_leave_nothing() -> None:
     vertices, faces = body()
     views, masks = filmed(vertices, faces)
     found = outline_gaps(vertices, faces, views, masks, REACH)
+    assert np.array_equal(found.overlap, agreement(vertices, faces, views, masks)) and found.overlap.min() == 1.0
     assert not found.offset.any() and found.drift == 0.0
 
 

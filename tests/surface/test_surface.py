@@ -239,6 +239,20 @@ def test_border_of_any_labels_is_closed(seed):
     assert mesh.is_volume and mesh.volume == pytest.approx(tetra.volume[label].sum())
 
 
+def test_areas_of_facets_and_tetrahedra_about_a_point() -> None:
+    tetra = tetrahedralise(np.random.default_rng(8).random((60, 3)))
+    start, about = tetra.incidence
+    assert np.array_equal(
+        tetra.corners.ravel()[np.argsort(tetra.corners.ravel(), kind="stable")],
+        np.repeat(np.arange(60), np.diff(start)),
+    )
+    assert all(p in tetra.corners[t] for p in range(60) for t in about[start[p] : start[p + 1]])
+    for k in range(4):
+        a, b, c = (tetra.points[tetra.corners[:, j]] for j in range(4) if j != k)
+        area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+        np.testing.assert_allclose(tetra.facet_area[:, k], area, rtol=1e-12)
+
+
 def test_a_pinched_edge_is_closed_on_its_narrow_side_alone():
     """Two parts meet at an edge, 50 degrees apart on one side and 230 on the other."""
     angle = np.deg2rad([0, 40, 90, 130, 180, 230, 280, 320])

@@ -94,7 +94,6 @@ def run(job: Job) -> dict[str, Any]:
     from massprops.surface.disagreement import holding
     from massprops.surface.hollow import hollowed
     from massprops.surface.outer import outer_integrals
-    from massprops.surface.silhouette import agreement
     from massprops.surface.spread import Doubts, balancing, replicates, with_rivals
     from massprops.surface.through_holes import with_open_holes
     from massprops.surface.unlit import spare_unlit
@@ -138,8 +137,7 @@ def run(job: Job) -> dict[str, Any]:
     # what the body is within at most, where its replicates leave that open
     outer = outer_integrals(surface.hull, surface.vertices) if collapsed(valid_bodies(rows)) else np.zeros(10)
     _save(job, surface, (rows, lengths), by_shape if doubts.balanced else (rows, lengths), outer)
-    overlap = agreement(surface.vertices, surface.faces, views, masks)
-    facts = _facts(surface, lost, dict(zip(views.names, overlap, strict=True)))
+    facts = _facts(surface, lost, dict(zip(views.names, gaps.overlap, strict=True)))
     facts["symmetric"] = _symmetric(job, views, masks, cloud, surface, footage) if free else []
     facts |= told | {"camera_drift_px": gaps.drift}
     facts |= {"hollow_elsewhere": underside_hollow, "differing_placements": differing}
