@@ -10,6 +10,7 @@ that make the same body.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -300,6 +301,39 @@ def _turned(both: _Pair, best: _Answer, answers: list[_Answer]) -> Registration 
 def settled(first: Placed, second: Placed, R: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The turn (3, 3) and shift (3,) of the second placement, next to these, that the outlines bear best."""
     return _outlines(first, second, np.random.default_rng(52)).fitted(R, t, second.middle)
+
+
+def drawn_again(found: Registration, fits: Sequence[tuple[Placed, Placed, np.ndarray, np.ndarray]]) -> Registration:
+    """A registration as silhouettes say it that were drawn again, of each answer from what it makes of the body.
+
+    Args:
+        found: by the silhouettes before.
+        fits: of its answer, and of the next one where there is one, the placements with their silhouettes drawn again, R and t.
+    """
+    outside, laid = [], []
+    for first, second, R, t in fits:
+        both = _Pair(first, second, np.random.default_rng(52))
+        turn, shift = both.outlines.fitted(R, t, second.middle)
+        laid.append((both, _Answer(turn, shift, both.outlines.score(turn, shift))))
+        outside.append(laid[-1][1].outside)
+    both, best = laid[0]
+    return replace(
+        found,
+        R=best.R,
+        t=best.t,
+        outside_px=best.outside,
+        rival_px=min(outside[1:], default=np.inf),
+        own_px=0.5 * (both.first.rim_error + both.second.rim_error),
+        covariance=both.covariance(best),
+        candidates=((best.R, best.t),),
+        turned=None,
+    )
+
+
+def next_answer(found: Registration) -> tuple[np.ndarray, np.ndarray] | None:
+    """The best of the answers, R and t, that turn the body otherwise; None where none was kept."""
+    others = (a for a in found.candidates if vectors.turn_deg(a[0], found.R) > APART_DEG)
+    return next(others, None)
 
 
 def outlines_exclude(first: Placed, second: Placed, found: Registration, R: np.ndarray, t: np.ndarray) -> bool:

@@ -19,7 +19,7 @@ from massprops.geometry.rasterise import rasterise
 from massprops.run import silhouettes_again
 from massprops.run.drawn_silhouettes import Visible
 from massprops.run.stages import join
-from massprops.run.stages.join import _best_first, _laid, _reason, _said
+from massprops.run.stages.join import _best_first, _laid, _laid_again, _reason, _said
 from massprops.sfm.across import Laid
 from massprops.sfm.points import SparsePoints, project
 from massprops.surface.cloud import Cloud
@@ -121,6 +121,38 @@ def test_features_join_what_shape_and_paint_leave_open(monkeypatch: pytest.Monke
     assert said["features"] == 0 and np.array_equal(turn, R), (
         "neither against the outlines nor for a turn beside theirs"
     )
+
+
+@pytest.mark.parametrize(("outside", "joins"), [(0.5, True), (2.4, False)])
+def test_an_answer_that_misses_first_silhouettes_is_asked_again(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, outside: float, joins: bool
+) -> None:
+    over = R @ np.diag([1.0, -1, -1])
+    missing = registered(outside_px=2.2, rival_px=3.6, candidates=((R, T), (over, T)))
+    drawn: list[np.ndarray] = []
+
+    def redrawn(job: Any, _: Any, parts: Any) -> list[str]:
+        (job.out / "masks").mkdir(parents=True)
+        drawn.append(parts[1][1])
+        return []
+
+    def again(found: Registration, fits: Any) -> Registration:
+        assert found is missing and len(fits) == 2
+        return replace(found, outside_px=outside, rival_px=5.0)
+
+    monkeypatch.setattr(join, "_redrawn", redrawn)
+    monkeypatch.setattr(join, "_latest", lambda *_: [])
+    monkeypatch.setattr(join, "replace", lambda job, out: SimpleNamespace(**{**vars(job), "out": out}))
+    monkeypatch.setattr("massprops.surface.registration.with_silhouettes", lambda side, *_: side)
+    monkeypatch.setattr("massprops.surface.registration.drawn_again", again)
+    monkeypatch.setattr("massprops.sfm.across.lay", lambda *_, **__: None)
+    side = SimpleNamespace(middle=np.zeros(3))
+    shown: Any = {k: (side, None) for k in (0, 1)}
+    job: Any = SimpleNamespace(seed=0, out=tmp_path)
+    index = {0: np.arange(3), 1: np.arange(3, 6)}
+    said, turn, _ = _laid_again(job, views(6), [], index, shown, missing)
+    assert ("reason" in said) != joins and np.array_equal(turn, R)
+    assert len(drawn) == 2 and np.array_equal(drawn[1], over) and not list(tmp_path.iterdir())
 
 
 def test_features_of_one_pattern_on_two_sides_do_not_overrule_outlines(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,6 +21,8 @@ from massprops.surface.registration import (
     _chosen,
     _outlines,
     _same_body,
+    drawn_again,
+    next_answer,
     outlines_exclude,
     placed,
     register,
@@ -105,6 +107,25 @@ def test_outlines_settle_a_body_that_lies_a_little_off() -> None:
     R, t = settled(seen(first, False, 0), seen(second, False, 1), off, t + 0.1)
     assert error_deg(R, first, second) < 3, "12 degrees before; a pixel is a degree and a half"
     assert np.linalg.norm(second.center_mass @ R.T + t - first.center_mass) < 0.03
+
+
+def test_silhouettes_drawn_again_judge_an_answer_and_the_next_one() -> None:
+    """As of a plain rock whose first silhouettes lacked what lay in shade."""
+    first = turned(wedge(), np.array([1.0, 0, 0, 0]), np.zeros(3))
+    second = turned(wedge(), np.array([0.1, 0.9, 0.3, 0.2]), np.array([0.05, -0.1, 0.02]))
+    sides = seen(first, False, 0), seen(second, False, 1)
+    R = first.metadata["R"] @ second.metadata["R"].T
+    t = first.metadata["t"] - R @ second.metadata["t"]
+    over = R @ np.diag([1.0, -1.0, -1.0])
+    shift = t + (R - over) @ sides[1].middle
+    before = replace(register(*sides), R=R, t=t, outside_px=2.2, candidates=((R, t), (R, t + 0.1), (over, shift)))
+    after = next_answer(before)
+    assert after is not None and np.array_equal(after[0], over)
+    assert next_answer(replace(before, candidates=((R, t),))) is None
+    found = drawn_again(before, [(*sides, R, t), (*sides, *after)])
+    assert not before.fits and found.fits and found.rival_px > 2 * found.outside_px
+    assert error_deg(found.R, first, second) < 3 and found.turned is None
+    assert drawn_again(before, [(*sides, R, t)]).rival_px == np.inf
 
 
 def test_paint_does_not_say_how_exactly_a_body_lies() -> None:
