@@ -4,7 +4,8 @@ Measured faces err alike over patches of `REACH` of the body's length on one sid
 of its back are held together by few others, and where their attitudes differ the plate comes out too thin or too thick.
 
 What lies next to measured surface cannot be far off, so an unmeasured face is uncertain in proportion to its distance
-from measured surface. Errors of a fill have two parts: the same habit everywhere (the hull too wide for a body with
+from measured surface; of a body whose back may be dark, from that which looks the same way, as the front of a plate does not tell
+where its back is. Errors of a fill have two parts: the same habit everywhere (the hull too wide for a body with
 recesses, too narrow where a side was never lit), and one that differs from place to place. The silhouettes' hull does not
 bound them: of simulated bodies with truth, a third to a half of the filled area lay outside what it allows, while the
 offset needed over the distance from measured surface had quartiles from -1.1 to 0.9 and medians from -0.7 to 0.6 (eight
@@ -77,7 +78,7 @@ def fill_modes(
     Args:
         vertices: (v, 3); faces: (f, 3); observed: (f,) bool; length: greatest length of the body.
         inferred: (f,) bool, closed at the plane of support; none by default.
-        outlined: (f,) distance from where outlines lie on the mesh, which is known there, too.
+        outlined: (f,) distance from where outlines lie on the mesh, which is known there, too; None of a body whose back may be dark.
         slope: 1-sigma of the surface's slope where its brightness was fitted [rad]; then outlines and it are all that is known.
 
     Returns:
@@ -89,8 +90,10 @@ def fill_modes(
         return np.zeros((0, len(faces)))
     middle = vertices[faces].mean(axis=1)
     if observed.any():
-        away = away_from_measured(middle, observed)
-        away = away if outlined is None else np.minimum(away, outlined[hidden])
+        if outlined is None:
+            away = away_from_measured(middle, observed, face_normals(vertices, faces))
+        else:
+            away = np.minimum(away_from_measured(middle, observed), outlined[hidden])
     else:
         # what no image shows in outline lies as far in as a side that nothing was measured on, beside what outlines cannot show
         away = np.zeros(len(hidden)) if outlined is None else outlined[hidden]
@@ -104,11 +107,27 @@ def fill_modes(
     return modes
 
 
-def away_from_measured(middle: np.ndarray, observed: np.ndarray) -> np.ndarray:
-    """(k,) distance of each unmeasured face from the nearest of those `observed` (f,) bool; middle: (f, 3) of all faces."""
+def away_from_measured(middle: np.ndarray, observed: np.ndarray, normal: np.ndarray | None = None) -> np.ndarray:
+    """(k,) distance of each unmeasured face from the nearest of those `observed` (f,) bool; middle: (f, 3) of all faces.
+
+    Args:
+        normal: (f, 3); then of those that look to the same side along the axis to which the face looks nearest, if there are any: the
+            measured front of a plate does not tell where its back is, however thin it is.
+    """
     from scipy.spatial import cKDTree
 
-    return np.asarray(cKDTree(middle[observed]).query(middle[~observed])[0])
+    seen, hidden = np.flatnonzero(observed), np.flatnonzero(~observed)
+    if normal is None:
+        return np.asarray(cKDTree(middle[seen]).query(middle[hidden])[0])
+    out = np.full(len(hidden), np.inf)
+    for axis in np.concatenate([np.eye(3), -np.eye(3)]):
+        # a face looks to within 55 degrees of one of the six directions
+        own = np.flatnonzero(normal[hidden] @ axis > np.sqrt(1 / 3) - 1e-9)
+        there = seen[normal[seen] @ axis > 0.0]
+        if len(own) and len(there):
+            out[own] = np.minimum(out[own], cKDTree(middle[there]).query(middle[hidden[own]])[0])
+    nearest = cKDTree(middle[seen]).query(middle[hidden])[0]
+    return np.where(np.isfinite(out), out, nearest)
 
 
 def hidden_depth(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:

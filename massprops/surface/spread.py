@@ -225,8 +225,10 @@ def _outlined(surface: Surface, doubts: Doubts, length: float) -> np.ndarray | N
     """(f,) distance from where outlines show the mesh, which they do to the margin of a silhouette: fill of still objects that was
     brought out to them was 1.1, 0.7, -0.3 and -0.7 px off in the middle on four rendered things. None of a free body that stereo
     measured; length: of the body."""
-    if doubts.gaps is None or (doubts.never_lit and surface.observed.any()):
+    if doubts.never_lit and surface.observed.any():
         return None
+    if doubts.gaps is None:
+        return np.full(len(surface.faces), np.inf) if surface.observed.any() else None
     away = doubts.gaps.distance
     if surface.observed.any():
         away = np.where(away <= REACH * length, away, np.inf)
