@@ -310,19 +310,19 @@ def drawn_again(found: Registration, fits: Sequence[tuple[Placed, Placed, np.nda
         found: by the silhouettes before.
         fits: of its answer, and of the next one where there is one, the placements with their silhouettes drawn again, R and t.
     """
-    outside, laid = [], []
+    laid = []
     for first, second, R, t in fits:
-        both = _Pair(first, second, np.random.default_rng(52))
-        turn, shift = both.outlines.fitted(R, t, second.middle)
-        laid.append((both, _Answer(turn, shift, both.outlines.score(turn, shift))))
-        outside.append(laid[-1][1].outside)
-    both, best = laid[0]
+        outlines = _outlines(first, second, np.random.default_rng(52))
+        turn, shift = outlines.fitted(R, t, second.middle)
+        laid.append(_Answer(turn, shift, outlines.score(turn, shift)))
+    best, *others = laid
+    both = _Pair(*fits[0][:2], np.random.default_rng(52))
     return replace(
         found,
         R=best.R,
         t=best.t,
         outside_px=best.outside,
-        rival_px=min(outside[1:], default=np.inf),
+        rival_px=min((a.outside for a in others), default=np.inf),
         own_px=0.5 * (both.first.rim_error + both.second.rim_error),
         covariance=both.covariance(best),
         candidates=((best.R, best.t),),
