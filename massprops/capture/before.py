@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from massprops.core.robust import mad_sigma
+from massprops.geometry.projection import on_pixels
 
 BEHIND = 0.03
 """Points farther behind the shape's surface than this, of their depth, are on its other side."""
@@ -25,14 +26,10 @@ def hidden_share(depth: np.ndarray, uv: np.ndarray, z: np.ndarray, shows: np.nda
     """
     import cv2
 
-    h, w = depth.shape
     within = cv2.erode(np.isfinite(depth).astype(np.uint8), np.ones((3, 3), np.uint8), iterations=EDGE) > 0
-    j, i = np.rint(uv).astype(int).T
-    inside = (i >= 0) & (j >= 0) & (i < h) & (j < w)
+    there, i, j = on_pixels(uv, depth.shape)
     front = np.zeros(len(z), bool)
-    front[inside] = within[i[inside], j[inside]] & (
-        np.abs(z[inside] - depth[i[inside], j[inside]]) < BEHIND * z[inside]
-    )
+    front[there] = within[i, j] & (np.abs(z[there] - depth[i, j]) < BEHIND * z[there])
     return float(np.mean(~shows[front])) if front.sum() >= 50 else 0.0
 
 

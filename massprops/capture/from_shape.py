@@ -12,7 +12,7 @@ import numpy as np
 
 from massprops.capture.colours import BINS, colour_cells
 from massprops.core.robust import mad_sigma
-from massprops.geometry.projection import project
+from massprops.geometry.projection import on_pixels, pixels_of
 
 BAND = 0.03
 """Band about the drawn outline that the image decides, in equivalent diameters of the silhouette. On two rendered
@@ -78,9 +78,8 @@ def trimap(depth: np.ndarray, uv: np.ndarray, z: np.ndarray, shows: np.ndarray, 
     h, w = depth.shape
     drawn = np.isfinite(depth)
     size, band = equivalent_diameter(drawn), outline_band(drawn)
-    j, i = np.rint(uv).astype(int).T
-    inside = (i >= 0) & (j >= 0) & (i < h) & (j < w)
-    i, j, z, shows = i[inside], j[inside], z[inside], shows[inside]
+    there, i, j = on_pixels(uv, (h, w))
+    z, shows = z[there], shows[there]
     before = z < depth[i, j]
     count = []
     for chosen in (before & shows, before & ~shows):
@@ -353,10 +352,8 @@ def share_covered(
 
     side = 2 * margin_px + 1
     near = cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8)) > 0
-    uv, depth = project(points, K, R, t)
-    at = np.rint(uv[depth > 1e-9]).astype(int)
-    at = at[(at >= 0).all(1) & (at < mask.shape[::-1]).all(1)]
-    return float(near[at[:, 1], at[:, 0]].mean()) if len(at) else None
+    there, rows, columns = pixels_of(points, K, R, t, mask.shape)
+    return float(near[rows, columns].mean()) if len(there) else None
 
 
 def overlap(a: np.ndarray, b: np.ndarray) -> float:

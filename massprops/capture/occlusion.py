@@ -16,7 +16,7 @@ import numpy as np
 from massprops.capture.support import axes
 from massprops.core.robust import MAD_TO_SIGMA, nanmedian
 from massprops.dense.region import Region
-from massprops.geometry.projection import project
+from massprops.geometry.projection import pixels_of, project
 from massprops.surface.cloud import Cloud
 from massprops.views import Views
 
@@ -102,19 +102,10 @@ def sampled(views: Views, image: Callable[[int], np.ndarray], xyz: np.ndarray) -
     there = np.zeros((len(views), len(xyz)), bool)
     for i in range(len(views)):
         picture = cv2.GaussianBlur(image(i), (0, 0), 1.5)
-        h, w = picture.shape[:2]
-        pixel, ahead = _pixels(views, i, xyz)
-        pixel = np.rint(np.where(ahead[:, None], pixel, -1.0)).astype(int)
-        there[i] = ahead & (pixel >= 0).all(1) & (pixel < [w, h]).all(1)
-        own = pixel[there[i]]
-        colour[i, there[i]] = picture[own[:, 1], own[:, 0]]
+        index, rows, columns = pixels_of(xyz, views.K[i], views.R[i], views.t[i], picture.shape)
+        there[i, index] = True
+        colour[i, index] = picture[rows, columns]
     return colour, there
-
-
-def _pixels(views: Views, i: int, xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(m, 2) pixels of points in view i, and (m,) bool whether they lie before the camera."""
-    uv, depth = project(xyz, views.K[i], views.R[i], views.t[i])
-    return uv, depth > 1e-9
 
 
 def visibility(colour: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -181,7 +172,7 @@ def occlusion_maps(
         w, h = views.size[i]
         cell = CELL * min(h, w) / 480
         shape = (int(np.ceil(h / cell)), int(np.ceil(w / cell)))
-        pixel, _ = _pixels(views, i, xyz)
+        pixel, _ = project(xyz, views.K[i], views.R[i], views.t[i])
         count = []
         for chosen in (seen[i] == 1, seen[i] == -1):
             dots = np.zeros(shape, np.float32)

@@ -29,6 +29,7 @@ from massprops.capture.support import (
 )
 from massprops.dense.region import Region
 from massprops.errors import NotPossible
+from massprops.geometry.projection import project
 from massprops.views import Views
 
 PARALLEL = 0.97
@@ -220,9 +221,9 @@ def _chosen(scene: Scene, piece: np.ndarray, plane: np.ndarray | None, pointed: 
 def _seen(scene: Scene, view: int) -> tuple[np.ndarray, np.ndarray]:
     """Pixels (n, 2) and depths (n,) of all points in one view; NaN behind the camera."""
     v = scene.views
-    camera = scene.xyz @ v.R[view].T + v.t[view]
-    z = np.where(camera[:, 2] > 1e-9, camera[:, 2], np.nan)
-    return camera[:, :2] / z[:, None] @ v.K[view][:2, :2].T + v.K[view][:2, 2], z
+    uv, z = project(scene.xyz, v.K[view], v.R[view], v.t[view])
+    ahead = z > 1e-9
+    return np.where(ahead[:, None], uv, np.nan), np.where(ahead, z, np.nan)
 
 
 def piece_at(scene: Scene, piece: np.ndarray, at: Located) -> int:

@@ -18,6 +18,7 @@ from massprops.capture.from_shape import equivalent_diameter, outline_band
 from massprops.capture.support_picture import Grid, SupportPicture, grid_about, picture_of_support
 from massprops.capture.votes import Evidence
 from massprops.documents.arrays import open_arrays
+from massprops.geometry.projection import pixels_of
 from massprops.geometry.rasterise import silhouette
 from massprops.views import Views
 
@@ -302,11 +303,7 @@ def dots(xyz: np.ndarray, views: Views, i: int) -> np.ndarray:
     """(h, w) bool: pixels of view i about the projections of points (m, 3)."""
     import cv2
 
-    size = (int(views.size[i, 0]), int(views.size[i, 1]))
-    out = np.zeros(size[::-1], np.uint8)
-    camera = xyz @ views.R[i].T + views.t[i]
-    camera = camera[camera[:, 2] > 1e-9]
-    at = np.rint(camera[:, :2] / camera[:, 2:] @ views.K[i, :2, :2].T + views.K[i, :2, 2]).astype(int)
-    at = at[((at >= 0) & (at < size)).all(1)]
-    out[at[:, 1], at[:, 0]] = 1
+    out = np.zeros(views.size[i, ::-1], np.uint8)
+    _, rows, columns = pixels_of(xyz, views.K[i], views.R[i], views.t[i], out.shape)
+    out[rows, columns] = 1
     return np.asarray(cv2.dilate(out, np.ones((9, 9), np.uint8)) > 0)

@@ -18,7 +18,7 @@ from massprops.dense.patchmatch import UNIQUE
 from massprops.dense.select import Sparse, seen_points, select_views
 from massprops.errors import NotPossible
 from massprops.geometry.facing import facing_points
-from massprops.geometry.projection import intrinsics, project
+from massprops.geometry.projection import intrinsics, on_pixels, project
 from massprops.views import Views
 
 MOST_PIXELS = 40_000
@@ -306,11 +306,9 @@ def _unexplained(mask: np.ndarray, uv: np.ndarray) -> np.ndarray:
     """The mask with 1 where measured points project already and 2 where a depth is still wanted."""
     import cv2
 
-    h, w = mask.shape
-    j, i = np.rint(uv).astype(np.int64).T
-    inside = (i >= 0) & (j >= 0) & (i < h) & (j < w)
-    dots = np.zeros((h, w), np.uint8)
-    dots[i[inside], j[inside]] = 1
+    _, rows, columns = on_pixels(uv, mask.shape)
+    dots = np.zeros(mask.shape, np.uint8)
+    dots[rows, columns] = 1
     known = cv2.morphologyEx(dots, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)) > 0
     want = cv2.morphologyEx(((mask > 0) & ~known).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     return np.where(mask > 0, 1 + want, 0).astype(np.uint8)

@@ -14,6 +14,22 @@ def project(points: np.ndarray, K: np.ndarray, R: np.ndarray, t: np.ndarray) -> 
     return uv, depth
 
 
+def on_pixels(uv: np.ndarray, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Which of some places (n, 2) lie in an image (h, w): (k,) their numbers, and the rows and columns (k,) of their pixels."""
+    at = np.rint(uv)
+    index = np.flatnonzero((at >= 0).all(axis=1) & (at < (shape[1], shape[0])).all(axis=1))
+    columns, rows = at[index].astype(int).T
+    return index, rows, columns
+
+
+def pixels_of(
+    points: np.ndarray, K: np.ndarray, R: np.ndarray, t: np.ndarray, shape: tuple[int, ...]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """As `on_pixels`, of world points (n, 3) before one undistorted pinhole view."""
+    uv, depth = project(points, K, R, t)
+    return on_pixels(np.where((depth > 1e-9)[:, None], uv, -1.0), shape)
+
+
 def intrinsics(K: np.ndarray) -> np.ndarray:
     """Focal lengths and principal point (n, 4), fu fv cu cv, of camera matrices (n, 3, 3) [px]."""
     return np.stack([K[:, 0, 0], K[:, 1, 1], K[:, 0, 2], K[:, 1, 2]], axis=1)

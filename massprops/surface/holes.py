@@ -12,6 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
+from massprops.geometry.projection import pixels_of
 from massprops.geometry.rasterise import rasterise
 from massprops.mass.integrals import face_areas
 from massprops.surface.hollow import columns_of, grid_of, integrals_of, solid_of, within
@@ -128,11 +129,9 @@ def _values(body: Surface, normal: np.ndarray, looked: np.ndarray, views: Views,
         depth, _ = rasterise(body.vertices, body.faces, views.K[i], views.R[i], views.t[i], (w, h))
         x = middle @ views.R[i].T + views.t[i]
         along = -np.einsum("ij,ij->i", normal[looked] @ views.R[i].T, x) / np.linalg.norm(x, axis=1)
-        uv = np.round(x[:, :2] / np.maximum(x[:, 2:], 1e-12) @ views.K[i][:2, :2].T + views.K[i][:2, 2]).astype(int)
-        inside = (x[:, 2] > 0) & (along > FACING) & (uv >= 0).all(axis=1) & (uv[:, 0] < w) & (uv[:, 1] < h)
-        own = np.flatnonzero(inside)
-        own = own[x[own, 2] < depth[uv[own, 1], uv[own, 0]] + BEHIND * body.spacing]
-        value[i, own] = blurred[uv[own, 1], uv[own, 0]]
+        own, rows, columns = pixels_of(middle, views.K[i], views.R[i], views.t[i], image.shape)
+        shown = (along[own] > FACING) & (x[own, 2] < depth[rows, columns] + BEHIND * body.spacing)
+        value[i, own[shown]] = blurred[rows[shown], columns[shown]]
     return value
 
 

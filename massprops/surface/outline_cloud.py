@@ -8,6 +8,7 @@ import numpy as np
 
 from massprops.core.progress import Progress, silent
 from massprops.errors import NotPossible
+from massprops.geometry.projection import pixels_of
 from massprops.surface.cloud import Cloud
 from massprops.surface.level_set import level_set
 from massprops.surface.reconstruct import Surface, on_support
@@ -115,11 +116,9 @@ def _uncovered(hull: Hull, views: Views, masks: list[np.ndarray], middle: np.nda
     for i, mask in enumerate(masks):
         if not (mask == 255).any():
             continue
-        c = inside @ views.R[i].T + views.t[i]
-        uv = np.rint(c[:, :2] / c[:, 2:] @ views.K[i, :2, :2].T + views.K[i, :2, 2]).astype(int)
-        there = (c[:, 2] > 0) & (uv >= 0).all(1) & (uv < mask.shape[::-1]).all(1)
+        _, rows, columns = pixels_of(inside, views.K[i], views.R[i], views.t[i], mask.shape)
         drawn = np.zeros(mask.shape, np.uint8)
-        drawn[uv[there, 1], uv[there, 0]] = 1
+        drawn[rows, columns] = 1
         wide = 2 * int(np.ceil(0.5 * np.sqrt(3.0) * step / hull.pixel)) + 1
         covered = cv2.dilate(drawn, np.ones((wide, wide), np.uint8)) > 0
         share.append(np.mean(~covered[mask == 255]))

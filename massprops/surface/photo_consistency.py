@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from massprops.geometry.projection import pixels_of
 from massprops.geometry.rasterise import rasterise
 from massprops.surface.cloud import Cloud
 from massprops.views import Views
@@ -59,16 +60,14 @@ class Photographs:
             h, w = mask.shape
             view = self.K[i], self.R[i], self.t[i], (w, h)
             depth = np.minimum(rasterise(hides, faces, *view)[0], rasterise(self.vertices, self.faces, *view)[0])
-            camera = x @ self.R[i].T + self.t[i]
-            z = np.where(camera[:, 2] > 1e-9, camera[:, 2], np.inf)
-            uv = np.rint(camera[:, :2] / z[:, None] @ self.K[i][:2, :2].T + self.K[i][:2, 2]).astype(int)
-            there = np.isfinite(z) & (uv >= 0).all(1) & (uv < [w, h]).all(1)
-            u, v = np.where(there[:, None], uv, 0).T
-            sight = -self.R[i].T @ self.t[i] - x
-            facing = np.einsum("ij,ij->i", sight, normal) / np.linalg.norm(sight, axis=1)
-            near = camera[:, 2] < depth[v, u] + DEEPER * z / self.K[i][0, 0]
-            use = there & near & (facing > best) & (mask[v, u] == 255)
-            colour[use], best[use] = image[v[use], u[use]], facing[use]
+            there, v, u = pixels_of(x, *view[:3], mask.shape)
+            z = x[there] @ self.R[i, 2] + self.t[i, 2]
+            sight = -self.R[i].T @ self.t[i] - x[there]
+            facing = np.einsum("ij,ij->i", sight, normal[there]) / np.linalg.norm(sight, axis=1)
+            near = z < depth[v, u] + DEEPER * z / self.K[i][0, 0]
+            shown = near & (facing > best[there]) & (mask[v, u] == 255)
+            use = there[shown]
+            colour[use], best[use] = image[v[shown], u[shown]], facing[shown]
         return colour, best > FACING
 
 

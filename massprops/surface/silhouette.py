@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit
 
+from massprops.geometry.projection import pixels_of
 from massprops.surface.cloud import Cloud
 from massprops.views import Views
 
@@ -150,12 +151,9 @@ def mean_shown(cloud: Cloud, views: Views, maps: Iterable[np.ndarray | None]) ->
         if shown is None:
             continue
         own = owner[cloud.view_index == i]
-        camera = cloud.xyz[own] @ views.R[i].T + views.t[i]
-        own, camera = own[camera[:, 2] > 0], camera[camera[:, 2] > 0]
-        uv = np.rint(camera[:, :2] / camera[:, 2:] @ views.K[i, :2, :2].T + views.K[i, :2, 2]).astype(int)
-        there = (uv >= 0).all(1) & (uv < shown.shape[::-1]).all(1)
+        there, rows, columns = pixels_of(cloud.xyz[own], views.K[i], views.R[i], views.t[i], shown.shape)
         said[own[there]] += 1
-        total[own[there]] += shown[uv[there, 1], uv[there, 0]]
+        total[own[there]] += shown[rows, columns]
     return np.asarray(total / np.maximum(said, 1))
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from massprops.geometry.projection import pixels_of
 from massprops.geometry.rasterise import silhouette
 from massprops.surface.silhouette import FEWEST_AGREE, Hull, exit_points
 from massprops.views import Views
@@ -173,13 +174,8 @@ def _views_showing(views: Views, maps: list[np.ndarray], xyz: np.ndarray) -> np.
     for i, m in enumerate(maps):
         if not m.any():
             continue
-        camera = xyz @ views.R[i].T + views.t[i]
-        ahead = camera[:, 2] > 1e-9
-        safe = np.where(ahead, camera[:, 2], 1.0)[:, None]
-        at = np.rint(camera[:, :2] / safe @ views.K[i, :2, :2].T + views.K[i, :2, 2])
-        at = np.clip(at, -1, max(m.shape)).astype(int)
-        there = np.flatnonzero(ahead & (at >= 0).all(1) & (at < m.shape[::-1]).all(1))
-        out[there] += m[at[there, 1], at[there, 0]]
+        there, rows, columns = pixels_of(xyz, views.K[i], views.R[i], views.t[i], m.shape)
+        out[there] += m[rows, columns]
     return out
 
 
