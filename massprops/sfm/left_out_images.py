@@ -99,7 +99,11 @@ def take_out_unmatched(model: pycolmap.Reconstruction, fresh: set[str]) -> None:
 def take_out_contradicted(model: pycolmap.Reconstruction, database: Path, known: set[int]) -> None:
     """Removes images, in place, whose matches with the images `known` contradict their pose."""
     found = agreeing_matches(model, database, known)
-    take_out_images(model, [i for i, (agree, all_of) in found.items() if agree < BORNE_OUT * all_of])
+    take_out_images(model, [i for i, count in found.items() if _contradicted(*count)])
+
+
+def _contradicted(agree: int, all_of: int) -> bool:
+    return agree < BORNE_OUT * all_of
 
 
 def take_out_unsupported(model: pycolmap.Reconstruction, database: Path, known: set[int]) -> None:
@@ -111,8 +115,8 @@ def take_out_unsupported(model: pycolmap.Reconstruction, database: Path, known: 
     while judges != before:
         before = set(judges)
         found = agreeing_matches(model, database, judges)
-        judges |= {i for i, (agree, all_of) in found.items() if all_of and agree >= BORNE_OUT * all_of}
-    if any(all_of and agree < BORNE_OUT * all_of for agree, all_of in found.values()):
+        judges |= {i for i, (agree, all_of) in found.items() if all_of and not _contradicted(agree, all_of)}
+    if any(_contradicted(*count) for count in found.values()):
         take_out_images(model, set(model.reg_image_ids()) - judges)
 
 
