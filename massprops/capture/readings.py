@@ -29,7 +29,7 @@ from massprops.capture.support import (
 )
 from massprops.dense.region import Region
 from massprops.errors import NotPossible
-from massprops.geometry.projection import project
+from massprops.geometry.projection import on_pixels, project
 from massprops.views import Views
 
 PARALLEL = 0.97
@@ -601,14 +601,11 @@ def picture(reading: Reading, scene: Scene, view: int, image: np.ndarray, width:
     import cv2
 
     uv, _ = _seen(scene, view)
-    own = uv[reading.member]
-    own = own[np.isfinite(own).all(1)]
     factor = width / image.shape[1]
     out: np.ndarray = cv2.resize(image, (width, max(1, round(image.shape[0] * factor))), interpolation=cv2.INTER_AREA)
     mask = np.zeros((out.shape[0], out.shape[1]), np.uint8)
-    i, j = np.rint(own * factor).astype(int).T if len(own) else (np.zeros(0, int),) * 2
-    inside = (i >= 0) & (j >= 0) & (i < mask.shape[1]) & (j < mask.shape[0])
-    mask[j[inside], i[inside]] = 1
+    _, rows, columns = on_pixels(factor * uv[reading.member], mask.shape)
+    mask[rows, columns] = 1
     mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((7, 7), np.uint8))
     out[mask > 0] = (0.55 * out[mask > 0] + 0.45 * np.array((96, 220, 110))).astype(np.uint8)
     return out

@@ -13,6 +13,7 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
+from massprops.geometry.interpolation import peak
 from massprops.geometry.vectors import unit
 from massprops.sfm.consensus import Candidates
 from massprops.sfm.points import SparsePoints, project_camera
@@ -105,16 +106,10 @@ def _found(
     lit = there[row : row + 2 * HALF + 1, column : column + 2 * HALF + 1]
     if not likeness[row, column] > LEAST or lit.std() < CONTRAST or np.abs(shift).max() == reach:
         return None
-    finer = [_vertex(likeness[row, column - 1 : column + 2]), _vertex(likeness[row - 1 : row + 2, column])]
+    finer = [peak(*likeness[row, column - 1 : column + 2]), peak(*likeness[row - 1 : row + 2, column])]
     at = x + (shift + finer) @ axes
     c = at @ views.R[j].T + views.t[j]
     return project_camera(views.K[j][None], views.distortion[j][None], c[None])[0]
-
-
-def _vertex(y: np.ndarray) -> float:
-    """Where a parabola through three values, the middle one the largest, is largest."""
-    curvature = float(y[0] - 2 * y[1] + y[2])
-    return 0.5 * float(y[0] - y[2]) / curvature if curvature < 0 else 0.0
 
 
 def _drawn(views: Views, i: int, x: np.ndarray, axes: np.ndarray, half: int, image: np.ndarray) -> np.ndarray | None:

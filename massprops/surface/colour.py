@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from massprops.geometry.interpolation import bilinear
 from massprops.geometry.projection import project
 from massprops.geometry.rasterise import rasterise
 from massprops.surface.refine import vertex_normals
@@ -30,7 +31,6 @@ def vertex_colours(
     Returns:
         (v, 3) uint8 RGB, those of unseen vertices taken from the nearest seen one; (v,) bool, which were seen.
     """
-    import cv2
     from scipy.spatial import cKDTree
 
     normal = vertex_normals(vertices, faces)
@@ -49,16 +49,8 @@ def vertex_colours(
         use = use[z[use] < (1 + HIDDEN) * depth[k, j]]
         if not len(use):
             continue
-        at = uv[use].astype(np.float32)
-        # OpenCV maps at most 32767 rows at once
-        colour = np.concatenate(
-            [
-                cv2.remap(picture, part[None, :, 0].copy(), part[None, :, 1].copy(), cv2.INTER_LINEAR)[0]
-                for part in np.array_split(at, len(at) // 30_000 + 1)
-            ]
-        )
         share = facing[use] ** 2
-        total[use] += share[:, None] * colour
+        total[use] += share[:, None] * bilinear(picture, uv[use])
         weight[use] += share
     seen = weight > 0
     out = np.full((len(vertices), 3), 128.0)

@@ -21,6 +21,7 @@ from numba import njit
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
+from massprops.geometry.interpolation import peak
 from massprops.geometry.projection import camera_rows
 from massprops.geometry.rasterise import rasterise
 from massprops.surface.cloud import Cloud
@@ -350,9 +351,8 @@ def _highest(curves: np.ndarray, along: np.ndarray) -> np.ndarray:
     top = np.argmax(curves, axis=1)
     inside = (top > 0) & (top < len(along) - 1)
     k, n = np.clip(top, 1, len(along) - 2), np.arange(len(curves))
-    left, middle, right = curves[n, k - 1], curves[n, k], curves[n, k + 1]
-    bow = np.maximum(2 * middle - left - right, 1e-12)
-    return np.where(inside, along[k] + 0.5 * (along[1] - along[0]) * (right - left) / bow, np.nan)
+    beyond = peak(curves[n, k - 1], curves[n, k], curves[n, k + 1])
+    return np.where(inside, along[k] + (along[1] - along[0]) * beyond, np.nan)
 
 
 def _over_all(

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from massprops.core.robust import MAD_TO_SIGMA
+from massprops.geometry.interpolation import bilinear
 from massprops.geometry.rasterise import rasterise
 from massprops.mass.integrals import mesh_integrals
 from massprops.surface.level_set import level_set
@@ -183,8 +184,6 @@ def shaded(
 
 def _samples(vertices: np.ndarray, faces: np.ndarray, film: _Film, light: np.ndarray) -> _Samples:
     """What every vertex looks like in every view that shows it."""
-    import cv2
-
     normal, found = vertex_normals(vertices, faces), []
     views, edge, sky = film.views, film.edge, film.sky
     for i, (mask, image) in enumerate(zip(film.masks, film.grey, strict=True)):
@@ -197,10 +196,7 @@ def _samples(vertices: np.ndarray, faces: np.ndarray, film: _Film, light: np.nda
         depth = rasterise(vertices, faces, K, R, t, (w, h))[0][at[:, 1], at[:, 0]]
         facing = -np.einsum("vi,vi->v", n, camera) / np.linalg.norm(camera, axis=1)
         seen = np.flatnonzero((facing > LEAST_FACING) & (camera[:, 2] < depth + edge))
-        here, there = (
-            cv2.remap(image, uv[:, :1], uv[:, 1:], cv2.INTER_LINEAR)[:, 0].astype(float)
-            for uv in (ahead[seen].astype(np.float32), outward[seen].astype(np.float32))
-        )
+        here, there = (bilinear(image, uv[seen]).astype(float) for uv in (ahead, outward))
         keep = here < WHITE
         free = _behind_first(vertices, faces, light @ R) < IN_SHADOW * edge
         lit = mask[at[seen, 1], at[seen, 0]] == 255
