@@ -47,7 +47,6 @@ WIDE = {
     "massprops/diagnosis/discovery/regression.py:regression_of",
     "massprops/diagnosis/search/candidate_fits.py:fit_candidates",
     "massprops/estimators/batch/outcome.py:estimate_of",
-    "massprops/estimators/batch/solve.py:fit",
     "massprops/estimators/rates.py:_attitude_fit",
     "massprops/sfm/attitude.py:to_sequence",
     "massprops/sfm/surface_tracks.py:with_surface",

@@ -11,13 +11,13 @@ import numpy as np
 UNKNOWN = 128
 
 
-def predicted_silhouette(uv: np.ndarray, shape: tuple[int, int], spacing: float | None = None) -> np.ndarray:
-    """The area that projected surface points cover, as a closing of the points by their own spacing.
+def predicted_silhouette(uv: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """The area that projected surface points cover, as a closing of the points by twice the 90th percentile of their distance to
+    the third neighbour.
 
     Args:
         uv: (n, 2) pixels.
         shape: height, width.
-        spacing: radius of the closing [px]; by default twice the 90th percentile distance to the third neighbour.
 
     Returns:
         (h, w) bool.
@@ -30,10 +30,8 @@ def predicted_silhouette(uv: np.ndarray, shape: tuple[int, int], spacing: float 
     uv = uv[inside]
     if len(uv) < 10:
         return np.zeros(shape, bool)
-    if spacing is None:
-        distance = cKDTree(uv).query(uv, k=min(4, len(uv)))[0][:, -1]
-        spacing = 2.0 * float(np.percentile(distance, 90))
-    radius = int(np.clip(round(spacing), 2, 0.04 * np.hypot(h, w)))
+    distance = cKDTree(uv).query(uv, k=4)[0][:, -1]
+    radius = int(np.clip(round(2.0 * float(np.percentile(distance, 90))), 2, 0.04 * np.hypot(h, w)))
     dots = np.zeros(shape, np.uint8)
     pixel = np.round(uv).astype(int)
     dots[pixel[:, 1], pixel[:, 0]] = 1

@@ -40,14 +40,13 @@ class Signal:
     """An effect in a plan.
 
     Attributes:
-        name, unit: of the effect and of its parameters; terms: one for each value that is scanned.
+        name, unit: of the effect and of its parameters; columns: those of each value that is scanned.
         shows_from: size of all its parameters together at which it shows, in a middling direction, by the scanned value;
             best, worst: in the direction that shows most and least (infinite where one does not show).
     """
 
     name: str
     unit: str
-    terms: tuple[Term, ...]
     columns: tuple[slice, ...]
     shows_from: float
     best: float
@@ -161,7 +160,7 @@ def _signal(effect: Any, terms: list[Term], places: list[slice], G: np.ndarray) 
     units = {q.name: q.unit for q in effect.PARAMETERS}
     unit = units[terms[0].unknowns[0]]
     return Signal(
-        name=effect.NAME, unit=unit, terms=tuple(terms), columns=tuple(places), shows_from=float(middle[0]),
+        name=effect.NAME, unit=unit, columns=tuple(places), shows_from=float(middle[0]),
         best=float(middle[1]), worst=float(middle[2]),
     )  # fmt: skip
 

@@ -109,9 +109,7 @@ def _ranked(fits: list[HypothesisFit]) -> list[HypothesisFit]:
     return sorted(fits, key=lambda f: (not can_be(f), -f.evidence))[:SCANNED]
 
 
-def _short(
-    record: Record, tried: list[Terms], starts: list[Start], wheel: float = 0.0, passes: int = SHORT
-) -> list[HypothesisFit]:
+def _short(record: Record, tried: list[Terms], starts: list[Start], wheel: float = 0.0) -> list[HypothesisFit]:
     """Fits of a few passes, the most likely first, the best `SCANNED` values.
 
     Args:
@@ -123,7 +121,7 @@ def _short(
         own = []
         for start in starts:
             with suppress(NotPossible):
-                own.append(fit_hypothesis(record, hypothesis, start, passes=passes))
+                own.append(fit_hypothesis(record, hypothesis, start, passes=SHORT))
         fits += [max(own, key=lambda f: f.evidence)] if own else []
     return _ranked(fits)
 

@@ -50,10 +50,6 @@ class ActiveEffects:
             at += count
         return tuple(out)
 
-    @property
-    def extra(self) -> int:
-        return sum(getattr(e, "STATES", 0) for e in self.effects)
-
     def __iter__(self) -> Iterator[tuple[ModuleType, slice, slice]]:
         return iter(zip(self.effects, self.places, self.states, strict=True))
 

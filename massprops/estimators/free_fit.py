@@ -43,7 +43,6 @@ class FreeFit:
     Attributes:
         q: (4,) body to cam0, w: (3,) [rad/s] at rows[0]. inertia: (3, 3) trace 1, body axes.
         covariance: (11, 11) of a small turn about body axes, of the rates, and of the inertia along `DIRECTIONS`.
-        residual: root mean square, in sigmas.
         path: (k, 4) attitude in cam0.
     """
 
@@ -52,7 +51,6 @@ class FreeFit:
     w: np.ndarray
     inertia: np.ndarray
     covariance: np.ndarray
-    residual: float
     path: np.ndarray
 
 
@@ -85,10 +83,10 @@ def free_fit(problem: Problem, start: Any) -> FreeFit | None:
             break
     if best is None or best[1] > POOR:
         return None
-    (q, w, inertia), residual, covariance = best
+    (q, w, inertia), _, covariance = best
     states = free_paths(times, [(q, w, inertia)])[0]
     back = conjugate(chaser)
-    return FreeFit(rows, multiply(back[0], q), w, inertia, covariance, residual, multiply(back, states[:, :4]))
+    return FreeFit(rows, multiply(back[0], q), w, inertia, covariance, multiply(back, states[:, :4]))
 
 
 Guess = tuple[np.ndarray, np.ndarray, np.ndarray]

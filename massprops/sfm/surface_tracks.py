@@ -48,12 +48,11 @@ CORRELATION = 0.8
 
 @dataclass(frozen=True)
 class Pieces:
-    """m pieces of surface: xyz, normal (m, 3); home (m,) the view of each that faces it most. Observations (k,):
-    `point`, `view`, and their place uv (k, 2) in the undistorted view [px]; the homes are among them."""
+    """m pieces of surface: xyz, normal (m, 3). Observations (k,): `point`, `view`, and their place uv (k, 2) in the undistorted
+    view [px]; the view that faces a piece most is among them."""
 
     xyz: np.ndarray
     normal: np.ndarray
-    home: np.ndarray
     point: np.ndarray
     view: np.ndarray
     uv: np.ndarray
@@ -175,7 +174,7 @@ def follow_pieces(views: Views, image: Image, cloud: DensePoints, factor: float,
     c = np.einsum("mij,mj->mi", views.R[home], xyz) + views.t[home]
     at_home = c[:, :2] / c[:, 2:] * K[home, :2] + K[home, 2:]
     return Pieces(
-        xyz, normal, home,
+        xyz, normal,
         np.concatenate([np.arange(len(xyz)), point_of[point[keep]]]),
         np.concatenate([home, view[keep]]),
         np.concatenate([at_home, uv[keep]]),

@@ -71,13 +71,11 @@ DAMPED = 1e-6
 @dataclass(frozen=True)
 class Shaded:
     """A closed surface (v, 3), (f, 3) that is as bright as the images, and the `slope` that it may be off by: 1-sigma, the
-    residual of left-out images as an angle [rad]. `light` (3,): direction to the Sun in the camera, times strength; `power`."""
+    residual of left-out images as an angle [rad]."""
 
     vertices: np.ndarray
     faces: np.ndarray
     slope: float
-    light: np.ndarray
-    power: float
 
 
 @dataclass(frozen=True)
@@ -173,7 +171,7 @@ def shaded(
         residual, counts = _residual(seen.of(held[seen.view]), light, power)
         off.append(MAD_TO_SIGMA * float(np.median(np.abs(residual[counts]))) if counts.any() else np.inf)
         if round_ >= FEWEST and moved < SETTLED * hull.pixel:
-            return Shaded(at, faces, off[-1], light, power) if off[-1] < off[0] else None
+            return Shaded(at, faces, off[-1]) if off[-1] < off[0] else None
         step = _step(at, faces, part, on_outlines(at, faces, *fitted)[:2], film, light, power)
         # a hull holds its body
         step = np.where(hull.value(at) > 0, np.minimum(step, 0.0), step)

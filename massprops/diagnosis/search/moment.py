@@ -43,7 +43,7 @@ def between_epochs(case: Case, state: BatchState, added: Added) -> BatchState:
     return with_value(state, effect, place, float(middles[now]))
 
 
-def best_moment(case: Case, s: Scored, far: bool = True, most: int = MOST_ITERATIONS) -> Scored:
+def best_moment(case: Case, s: Scored, far: bool = True) -> Scored:
     """The fit `s`, or one with the moments of its effects in other gaps between epochs if that explains more.
 
     Args:
@@ -58,8 +58,8 @@ def best_moment(case: Case, s: Scored, far: bool = True, most: int = MOST_ITERAT
             # sizes that suit another moment would lead a search by slopes away from this one
             there = with_value(s.fit.state, added.effect, place, moment)
             least = near(s.fit.cost)
-            still = refit(case, there, s.added, most, least, hold="time")
-            found = refit(case, still.fit.state, s.added, most, least)
+            still = refit(case, there, s.added, MOST_ITERATIONS, least, hold="time")
+            found = refit(case, still.fit.state, s.added, MOST_ITERATIONS, least)
             if not found.bic < s.bic - _decides(s):
                 break
             s = found

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -145,7 +144,6 @@ def fit(
     free: np.ndarray,
     inertia_prior: InertiaPrior = InertiaPrior(),
     search: Search = Search(),
-    progress: Callable[[int, float], None] = lambda i, cost: None,
 ) -> Fit:
     """Searches the state that explains the measurements best.
 
@@ -174,7 +172,6 @@ def fit(
         if not found.fall:
             converged = size < 0.05
             break
-        progress(iterations, float(np.sqrt(2 * found.cost / max(1, m.count))))
         here.renew(*found.place)
         converged = size < search.tolerance or (found.fall < 1e-7 * here.cost and found.damping < 1e-4)
         stalled = stalled + 1 if found.fall * m.count < search.idle * here.cost else 0

@@ -40,12 +40,11 @@ class QuasiPeriodicProcess:
         mean: (d,) mean of the training data.
         f: (2,) fundamental frequencies [Hz].
         f_cov: (2, 2) their covariance [Hz^2].
-        B: (d, d) coregionalisation.
         noise_sigma: 1-sigma of the white noise, in the units of y.
         orders: (m, 2) lattice.
         coefficients: (2m - 1, d) posterior mean of the lines' amplitudes.
         factors: (d, 2m - 1, 2m - 1) per eigen-output, F with posterior covariance F F^T.
-        U: (d, d) eigenvectors of B.
+        U: (d, d) eigenvectors of the coregionalisation B.
         log_likelihood: of the training data.
     """
 
@@ -53,18 +52,12 @@ class QuasiPeriodicProcess:
     mean: np.ndarray
     f: np.ndarray
     f_cov: np.ndarray
-    B: np.ndarray
     noise_sigma: float
     orders: np.ndarray
     coefficients: np.ndarray
     factors: np.ndarray
     U: np.ndarray
     log_likelihood: float
-
-    @property
-    def periods(self) -> np.ndarray:
-        """(2,) fundamental periods [s]."""
-        return 1.0 / self.f
 
     def predict(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Noise-free outputs and their rates.
@@ -182,7 +175,6 @@ class _Fit:
             mean=mean,
             f=self.f,
             f_cov=self.noise * np.linalg.pinv(information),
-            B=spread**2 * self.chol @ self.chol.T,
             noise_sigma=float(spread * np.sqrt(self.noise)),
             orders=self.orders,
             coefficients=spread * np.stack(c, axis=1) @ U.T,
