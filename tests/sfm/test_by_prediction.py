@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from massprops.sfm import reconstruct
+from massprops.sfm import grown_film
 from massprops.sfm.attempt import ModelInputs
 
 
@@ -44,20 +44,20 @@ def steps(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
             done.append(name)
             return result or model
 
-        monkeypatch.setattr(reconstruct, name, step)
+        monkeypatch.setattr(grown_film, name, step)
 
     note("firm_part", None)
     note("match_predicted", None)
     note("add_left_out_images", Model(30))
     note("_followed", Model(40))
-    monkeypatch.setattr(reconstruct, "_steady_part", lambda model, given: (model, given.found))
-    monkeypatch.setattr(reconstruct, "_with_pieces", lambda model, found, given: (model, []))
-    monkeypatch.setattr(reconstruct, "take_out_unsupported", lambda model, db, known: done.append((db, len(known))))
+    monkeypatch.setattr(grown_film, "_steady_part", lambda model, given: (model, given.found))
+    monkeypatch.setattr(grown_film, "with_pieces", lambda model, found, given: (model, []))
+    monkeypatch.setattr(grown_film, "take_out_unsupported", lambda model, db, known: done.append((db, len(known))))
     return done
 
 
 def test_what_is_unique_places_a_still_things_images_before_its_motion_does(steps: list[Any]) -> None:
-    model, _, said = reconstruct._by_prediction(Model(16), inputs(), Path("first.db"), tumbling=False)
+    model, _, said = grown_film.by_prediction(Model(16), inputs(), Path("first.db"), tumbling=False)
     first = Path("first.db")
     assert steps == ["firm_part", "match_predicted", "add_left_out_images", "_followed", (first, 30)]
     assert model.num_reg_images() == 40 and said == []
@@ -65,12 +65,12 @@ def test_what_is_unique_places_a_still_things_images_before_its_motion_does(step
 
 def test_a_free_bodys_images_are_placed_by_its_motion_alone(steps: list[Any]) -> None:
     given = inputs("black")
-    reconstruct._by_prediction(Model(16), given, Path("first.db"), tumbling=True)
+    grown_film.by_prediction(Model(16), given, Path("first.db"), tumbling=True)
     assert steps == ["match_predicted", "_followed"]
 
 
 def test_a_film_that_is_placed_whole_costs_nothing_more(steps: list[Any]) -> None:
-    reconstruct._by_prediction(Model(40), inputs(), Path("first.db"), tumbling=False)
+    grown_film.by_prediction(Model(40), inputs(), Path("first.db"), tumbling=False)
     assert steps == ["firm_part", "match_predicted"]
 
 
@@ -78,6 +78,6 @@ def test_matches_made_without_a_model_are_kept(tmp_path: Path) -> None:
     database = tmp_path / "a" / "matches.db"
     database.parent.mkdir()
     database.write_bytes(b"before")
-    kept = reconstruct._kept_matches(database, tmp_path)
+    kept = grown_film.kept_matches(database, tmp_path)
     database.write_bytes(b"after")
     assert kept.read_bytes() == b"before"

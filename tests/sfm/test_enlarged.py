@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from massprops.errors import NotPossible
-from massprops.sfm import attempt, reconstruct
+from massprops.sfm import attempt, best_attempt
 from massprops.sfm.attempt import Attempt, SfmOptions
 from massprops.sfm.features import FeatureOptions, extract
 from massprops.sfm.mapping import MappingOptions
@@ -95,11 +95,11 @@ def test_small_bodies_of_films_are_enlarged_before_fainter_features_are_asked(
         models = [model(*range(100 * k, 100 * k + n)) for k, n in enumerate(sizes)]
         return Attempt(work, MappingOptions(masked=True), models, {}, lambda pairs: None, True, False, [])
 
-    monkeypatch.setattr(reconstruct, "attempt", one)
+    monkeypatch.setattr(best_attempt, "attempt", one)
     monkeypatch.setattr(attempt, "steady", lambda *_: True)
     footage = SimpleNamespace(
         frames=range(20), mask_features=True, has_masks=True, room_stood=False, moving_pictures=pictures
     )
-    found = reconstruct._best(footage, tmp_path, SfmOptions(), lambda *_: None)
+    found = best_attempt._best(footage, tmp_path, SfmOptions(), lambda *_: None)
     assert tried == ways
     assert found.registered == placed

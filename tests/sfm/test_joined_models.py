@@ -103,7 +103,7 @@ def test_what_matches_nothing_where_it_is_put_is_not_joined(tmp_path, monkeypatc
 
 
 def test_photographs_are_joined_and_frames_of_a_video_are_not(tmp_path, monkeypatch):
-    from massprops.sfm import reconstruct
+    from massprops.sfm import best_attempt, reconstruct
 
     given, _ = split(tmp_path / "c", 10, monkeypatch)
     asked = []
@@ -111,7 +111,7 @@ def test_photographs_are_joined_and_frames_of_a_video_are_not(tmp_path, monkeypa
     def last(model, *rest):
         raise StopIteration
 
-    monkeypatch.setattr(reconstruct, "_best", lambda *rest: given.found)
+    monkeypatch.setattr(best_attempt, "_best", lambda *rest: given.found)
     monkeypatch.setattr(reconstruct, "close_loops", lambda model, given: model)
     monkeypatch.setattr(reconstruct, "add_left_out_images", lambda model, given: model)
     monkeypatch.setattr(reconstruct, "finish", last)

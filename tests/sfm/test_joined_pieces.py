@@ -8,7 +8,7 @@ import scene
 import test_mapping
 from test_free_motion import tumbling
 
-from massprops.sfm import joined_pieces, reconstruct
+from massprops.sfm import best_attempt, grown_film, joined_pieces, reconstruct
 from massprops.sfm.assembled import STAYS, Part, Sighting, Similarity, assemble
 from massprops.sfm.attempt import Attempt, ModelInputs, SfmOptions
 from massprops.sfm.consensus import Candidates
@@ -129,12 +129,12 @@ def test_films_of_tumbling_bodies_are_joined_so_and_photographs_are_not(tmp_path
     def last(model, *rest):
         raise StopIteration
 
-    monkeypatch.setattr(reconstruct, "_best", lambda *rest: given.found)
+    monkeypatch.setattr(best_attempt, "_best", lambda *rest: given.found)
     monkeypatch.setattr(reconstruct, "close_loops", lambda model, given: model)
     monkeypatch.setattr(reconstruct, "add_left_out_images", lambda model, given: model)
     monkeypatch.setattr(reconstruct, "join_models", lambda model, *rest: model)
     monkeypatch.setattr(reconstruct, "finish", last)
-    monkeypatch.setattr(reconstruct, "join_pieces", lambda model, apart, given: asked.append(len(apart)) or model)
+    monkeypatch.setattr(grown_film, "join_pieces", lambda model, apart, given: asked.append(len(apart)) or model)
     for kind, motion in (("video", "tumbling"), ("video", "static"), ("images", "tumbling")):
         with pytest.raises(StopIteration):
             reconstruct.reconstruct(replace(given.footage, kind=kind, motion=motion), tmp_path, SfmOptions(threads=1))

@@ -287,7 +287,7 @@ def test_what_the_shutter_leaves_unknown_widens_the_focal_length() -> None:
 
 def test_a_correction_that_tears_the_model_apart_is_not_made(monkeypatch: pytest.MonkeyPatch) -> None:
     from massprops.errors import NotPossible
-    from massprops.sfm import reconstruct as sfm
+    from massprops.sfm import last_adjustment as sfm
     from massprops.sfm.precision import Precision
     from massprops.sfm.rolling_shutter import Shutter
 
@@ -298,7 +298,7 @@ def test_a_correction_that_tears_the_model_apart_is_not_made(monkeypatch: pytest
     precision = Precision(0.1, 0.002, 0.0, np.full(3, 1e-3), 0.001, {1: 0.002})
     result = sfm.SfmResult(None, None, None, (), precision, (), (), shutter=found, seen=object())
     monkeypatch.setattr(sfm, "to_global_shutter", torn)
-    left = sfm._with_shutter(sfm._corrected(result, None, None, (), []))
+    left = sfm.with_shutter(sfm.corrected_by_shutter(result, None, None, (), []))
     assert left.shutter.state == "suspected" and left.corrected is None
     assert left.precision.focal_relative == pytest.approx(np.hypot(0.002, 0.04))
     assert left.precision.focal_by_camera == {1: left.precision.focal_relative}

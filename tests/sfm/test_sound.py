@@ -110,8 +110,9 @@ def finite(views, points, accuracy):
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_an_adjustment_gives_finite_answers_or_says_why_not(kind, seed):
+    from massprops.sfm.attempt import SfmOptions
+    from massprops.sfm.last_adjustment import finish
     from massprops.sfm.mapping import MappingOptions, quiet
-    from massprops.sfm.reconstruct import SfmOptions, finish
 
     quiet()
     rng = np.random.default_rng([seed, KINDS.index(kind)])

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from massprops.sfm import reconstruct
+from massprops.sfm import surface_pictures
 from massprops.sfm.surface_tracks import PIXELS, ROOM_PIXELS
 from massprops.views import Views
 
@@ -35,7 +35,7 @@ def footage(folder: Path, views: Views, stood: bool, monkeypatch: pytest.MonkeyP
     for name in views.names:
         cv2.imwrite(str(folder / name), np.full((HEIGHT, WIDTH, 3), 128, np.uint8))
     half = np.repeat(np.array([255, 0], np.uint8), HEIGHT // 2)[:, None] * np.ones((1, WIDTH), np.uint8)
-    monkeypatch.setattr(reconstruct, "read_mask", lambda *_: half)
+    monkeypatch.setattr(surface_pictures, "read_mask", lambda *_: half)
     frames = [SimpleNamespace(name=name, turn=0) for name in views.names]
     return SimpleNamespace(
         frames=frames, room_stood=stood, size=lambda _: (WIDTH, HEIGHT), image=lambda name: folder / name
@@ -44,7 +44,7 @@ def footage(folder: Path, views: Views, stood: bool, monkeypatch: pytest.MonkeyP
 
 def test_a_still_scene_shows_all_that_the_cameras_look_at(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     views = orbit()
-    image, pixels = reconstruct._surface_pictures(footage(tmp_path, views, True, monkeypatch), views, masked=False)
+    image, pixels = surface_pictures.surface_pictures(footage(tmp_path, views, True, monkeypatch), views, masked=False)
     assert image is not None and pixels == ROOM_PIXELS
     for i in range(len(views)):
         colour, mask = image(i)
@@ -58,7 +58,7 @@ def test_where_the_objects_own_features_were_used_its_silhouettes_are(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     views = orbit()
-    image, pixels = reconstruct._surface_pictures(footage(tmp_path, views, True, monkeypatch), views, masked=True)
+    image, pixels = surface_pictures.surface_pictures(footage(tmp_path, views, True, monkeypatch), views, masked=True)
     assert image is not None and pixels == PIXELS
     mask = image(0)[1]
     assert mask[: HEIGHT // 2].all() and not mask[HEIGHT // 2 :].any()
@@ -66,4 +66,6 @@ def test_where_the_objects_own_features_were_used_its_silhouettes_are(
 
 def test_before_a_room_that_did_not_stand_nothing_is_looked_at(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     views = orbit()
-    assert reconstruct._surface_pictures(footage(tmp_path, views, False, monkeypatch), views, masked=False)[0] is None
+    assert (
+        surface_pictures.surface_pictures(footage(tmp_path, views, False, monkeypatch), views, masked=False)[0] is None
+    )

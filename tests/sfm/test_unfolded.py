@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from sfm.test_sound import footage, to_model
 
 from massprops.errors import NotPossible
-from massprops.sfm import reconstruct
+from massprops.sfm import grown_film
 from massprops.sfm.attempt import SfmOptions, jumps
 from massprops.sfm.contradictions import Contradictions
 from massprops.sfm.footage import FootageRecord
@@ -61,12 +61,12 @@ def test_no_rate_of_turning_is_taken_across_two_places_of_a_camera() -> None:
 def test_what_only_jumps_or_is_only_contradicted_stays(
     monkeypatch: pytest.MonkeyPatch, jumping: bool, share: float
 ) -> None:
-    monkeypatch.setattr(reconstruct, "jumps", lambda *_: jumping)
-    monkeypatch.setattr(reconstruct, "contradictions", lambda *_: Contradictions(share, ()))
+    monkeypatch.setattr(grown_film, "jumps", lambda *_: jumping)
+    monkeypatch.setattr(grown_film, "contradictions", lambda *_: Contradictions(share, ()))
     found = SimpleNamespace(database=Path())
     given: Any = SimpleNamespace(found=found, footage=SimpleNamespace(background="still"))
     model: Any = SimpleNamespace()
-    assert reconstruct._unfolded(model, given) == (model, found)
+    assert grown_film.unfolded(model, given) == (model, found)
 
 
 @pytest.mark.parametrize("follows", [True, False])
@@ -79,29 +79,29 @@ def test_a_folded_film_is_cut_and_followed(monkeypatch: pytest.MonkeyPatch, foll
             raise NotPossible("they do not hold together")
         return grown
 
-    monkeypatch.setattr(reconstruct, "jumps", lambda *_: True)
-    monkeypatch.setattr(reconstruct, "contradictions", lambda *_: Contradictions(0.09, (("a", "b"),)))
-    monkeypatch.setattr(reconstruct, "_steady_part", lambda *_: (cut, "with parts"))
-    monkeypatch.setattr(reconstruct, "_followed", followed)
-    monkeypatch.setattr(reconstruct, "replace", lambda given, found: SimpleNamespace(**{**vars(given), "found": found}))
+    monkeypatch.setattr(grown_film, "jumps", lambda *_: True)
+    monkeypatch.setattr(grown_film, "contradictions", lambda *_: Contradictions(0.09, (("a", "b"),)))
+    monkeypatch.setattr(grown_film, "_steady_part", lambda *_: (cut, "with parts"))
+    monkeypatch.setattr(grown_film, "_followed", followed)
+    monkeypatch.setattr(grown_film, "replace", lambda given, found: SimpleNamespace(**{**vars(given), "found": found}))
     given: Any = SimpleNamespace(found=SimpleNamespace(database=Path()), footage=SimpleNamespace(background="still"))
-    model, found = reconstruct._unfolded(whole, given)  # type: ignore[arg-type]
+    model, found = grown_film.unfolded(whole, given)  # type: ignore[arg-type]
     assert model is (grown if follows else cut) and found == "with parts"
-    assert reconstruct._left_out(0) == [] and "12 images" in reconstruct._left_out(12)[0]
+    assert grown_film.left_out(0) == [] and "12 images" in grown_film.left_out(12)[0]
 
 
 @pytest.mark.parametrize(("left", "taken"), [(33, True), (18, False)])
 def test_before_a_black_sky_a_jump_alone_cuts_a_film(monkeypatch: pytest.MonkeyPatch, left: int, taken: bool) -> None:
     """Images 12 to 19 of a body in foil hung on by chance, 180 degrees off, and no match contradicted them."""
     whole, cut = (SimpleNamespace(num_reg_images=lambda n=n: n) for n in (42, left))
-    monkeypatch.setattr(reconstruct, "jumps", lambda *_: True)
-    monkeypatch.setattr(reconstruct, "contradictions", lambda *_: Contradictions(0.0, ()))
-    monkeypatch.setattr(reconstruct, "_steady_part", lambda *_: (cut, "with parts"))
-    monkeypatch.setattr(reconstruct, "_followed", lambda model, given: model)
-    monkeypatch.setattr(reconstruct, "replace", lambda given, found: given)
+    monkeypatch.setattr(grown_film, "jumps", lambda *_: True)
+    monkeypatch.setattr(grown_film, "contradictions", lambda *_: Contradictions(0.0, ()))
+    monkeypatch.setattr(grown_film, "_steady_part", lambda *_: (cut, "with parts"))
+    monkeypatch.setattr(grown_film, "_followed", lambda model, given: model)
+    monkeypatch.setattr(grown_film, "replace", lambda given, found: given)
     found = SimpleNamespace(database=Path())
     given: Any = SimpleNamespace(found=found, footage=SimpleNamespace(background="black"))
-    assert reconstruct._unfolded(whole, given) == ((cut, "with parts") if taken else (whole, found))  # type: ignore[comparison-overlap,arg-type]
+    assert grown_film.unfolded(whole, given) == ((cut, "with parts") if taken else (whole, found))  # type: ignore[comparison-overlap,arg-type]
 
 
 @pytest.mark.parametrize(
@@ -121,12 +121,12 @@ def test_a_film_is_followed_along_its_motion_where_images_of_it_are_left(
 ) -> None:
     """Of a body in foil 36 of 88 images were placed, and the motion through these leads to 40 more."""
     model, more = (SimpleNamespace(num_reg_images=lambda n=n: n) for n in (placed, then))
-    monkeypatch.setattr(reconstruct, "follow_free_motion", lambda *_: (more, "motion"))
+    monkeypatch.setattr(grown_film, "follow_free_motion", lambda *_: (more, "motion"))
     features = {i: (range(0 if i < dark else 40), ()) for i in range(88)}
     given: Any = SimpleNamespace(
         found=SimpleNamespace(repeats=repeats, features=features),
         footage=SimpleNamespace(background=background),
         options=SfmOptions(),
     )
-    found: Any = reconstruct._along_free_motion(model, given)  # type: ignore[arg-type]
+    found: Any = grown_film.along_free_motion(model, given)  # type: ignore[arg-type]
     assert found == ((more, "motion") if followed else None)

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from massprops.core.progress import silent
-from massprops.sfm import reconstruct
+from massprops.sfm import best_attempt
 from massprops.sfm.attempt import Attempt, SfmOptions
 from massprops.sfm.mapping import MappingOptions
 
@@ -23,8 +23,8 @@ def attempts(monkeypatch: pytest.MonkeyPatch, contradicted: float) -> None:
         model: Any = SimpleNamespace(num_reg_images=lambda: 25 if masked else 32)
         return Attempt(work, MappingOptions(masked=masked), [model], {}, lambda pairs: None, False, False, [])
 
-    monkeypatch.setattr(reconstruct, "attempt", attempt)
-    monkeypatch.setattr(reconstruct, "contradictions", lambda *_: SimpleNamespace(share=contradicted))
+    monkeypatch.setattr(best_attempt, "attempt", attempt)
+    monkeypatch.setattr(best_attempt, "contradictions", lambda *_: SimpleNamespace(share=contradicted))
 
 
 @pytest.mark.parametrize(
@@ -36,7 +36,7 @@ def test_the_room_places_what_the_object_does_not(
     """But not where it turned with the camera, or against what the object shows."""
     attempts(monkeypatch, contradicted)
     footage: Any = SimpleNamespace(frames=range(32), mask_features=True, has_masks=True, room_stood=room_stood)
-    found = reconstruct._best(footage, tmp_path, SfmOptions(), silent)
+    found = best_attempt._best(footage, tmp_path, SfmOptions(), silent)
     assert found.mapping.masked is masked and found.registered == (25 if masked else 32)
     assert any("surroundings" in line for line in found.warnings) is not masked
 
@@ -53,10 +53,10 @@ def test_faint_features_of_the_room_place_what_its_usual_ones_do_not(
         model: Any = SimpleNamespace(num_reg_images=lambda: places[masked, way])
         return Attempt(work, MappingOptions(masked=masked), [model], {}, lambda pairs: None, True, False, [])
 
-    monkeypatch.setattr(reconstruct, "attempt", attempt)
-    monkeypatch.setattr(reconstruct, "contradictions", lambda *_: SimpleNamespace(share=0.0))
+    monkeypatch.setattr(best_attempt, "attempt", attempt)
+    monkeypatch.setattr(best_attempt, "contradictions", lambda *_: SimpleNamespace(share=0.0))
     footage: Any = SimpleNamespace(
         frames=range(56), mask_features=True, has_masks=True, room_stood=True, moving_pictures=False
     )
-    found = reconstruct._best(footage, tmp_path, SfmOptions(), silent)
+    found = best_attempt._best(footage, tmp_path, SfmOptions(), silent)
     assert not found.mapping.masked and found.registered == 54

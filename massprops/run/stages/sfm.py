@@ -15,8 +15,8 @@ from massprops.sfm.model_bytes import write_model
 
 if TYPE_CHECKING:
     from massprops.sfm.footage import FootageRecord
+    from massprops.sfm.last_adjustment import SolvedCamera
     from massprops.sfm.points import SparsePoints
-    from massprops.sfm.reconstruct import SolvedCamera
     from massprops.sfm.rolling_shutter import Shutter
 
 READS = ("capture",)

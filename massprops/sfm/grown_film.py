@@ -1,0 +1,172 @@
+"""A film's first model grown to its other images: by matches that it predicts, and by the motion that it shows."""
+
+from __future__ import annotations
+
+import shutil
+import zlib  # noqa: F401  must precede pycolmap
+from dataclasses import replace
+from pathlib import Path
+
+import pycolmap
+
+from massprops.core.text import counted
+from massprops.errors import NotPossible
+from massprops.sfm.along_motion import Following, follow_free_motion
+from massprops.sfm.attempt import ENOUGH, Attempt, ModelInputs, jumps, steady_images, steady_parts
+from massprops.sfm.contradictions import contradictions
+from massprops.sfm.convert import take_out_images
+from massprops.sfm.firm_part import firm_part
+from massprops.sfm.footage import FootageRecord
+from massprops.sfm.free_run import SHORTEST
+from massprops.sfm.joined_pieces import join_pieces
+from massprops.sfm.left_out_images import add_left_out_images, take_out_unsupported
+from massprops.sfm.loops import match_predicted
+from massprops.sfm.mapping import MappingOptions
+from massprops.sfm.predicted_images import add_predicted_images
+from massprops.sfm.verified_matches import MANY
+
+FOLLOWED = 3
+"""Rounds in which a motion is followed: each matches at their predicted places what the one before has placed."""
+
+
+def is_film(footage: FootageRecord) -> bool:
+    return footage.moving_pictures and not footage.rig
+
+
+def apart(model: pycolmap.Reconstruction, models: list[pycolmap.Reconstruction]) -> list[pycolmap.Reconstruction]:
+    """The smaller models, without those whose images the largest has taken in."""
+    placed = {model.image(i).name for i in model.reg_image_ids()}
+    return [m for m in models[1:] if any(m.image(i).name not in placed for i in m.reg_image_ids())]
+
+
+def kept_matches(database: Path, work: Path) -> Path:
+    """A copy of a database whose matches were made without a model: those at predicted places bear out any model that predicts them."""
+    return Path(shutil.copy(database, work / "without_a_model.db"))
+
+
+def by_prediction(
+    model: pycolmap.Reconstruction, given: ModelInputs, first: Path, tumbling: bool
+) -> tuple[pycolmap.Reconstruction, Attempt, list[str]]:
+    """The model grown by matches that it predicts, what was found, and what is said of it.
+
+    A free body's motion leads to the next image. A hand with a camera goes less evenly: of a film on a printed cloth, images
+    predicted by its motion were placed up to four cells of the print off. So its model is grown from the part that many points hold, and what
+    is unique in each further image is asked first, as in photographs.
+
+    Args:
+        first: the matches that were made without a model.
+    """
+    found, footage, more = given.found, given.footage, list[str]()
+    still = is_film(footage) and found.repeats and not tumbling
+    if still:
+        model = firm_part(model, [f.name for f in footage.frames], MappingOptions().least_inliers)
+    model = match_predicted(model, given, given.work)
+    if tumbling:
+        model, found = _steady_part(model, given)
+    if still and model.num_reg_images() < len(footage.frames):
+        model = add_left_out_images(model, replace(given, work=given.work / "unique"), len(footage.frames))
+    if is_film(footage) and model.num_reg_images() < len(footage.frames):
+        known = set(model.reg_image_ids())
+        model = _followed(model, given)
+        if still:
+            take_out_unsupported(model, first, known)
+    if tumbling:
+        model, more = with_pieces(model, found, given)
+    return model, found, more
+
+
+def unfolded(model: pycolmap.Reconstruction, given: ModelInputs) -> tuple[pycolmap.Reconstruction, Attempt]:
+    """A film's model, and what was found. Where its turning jumps, and matches contradict it or nothing can hold the body, it is cut at
+    the jumps and followed anew from its largest part, and the other parts are models of their own.
+
+    Where sides look alike, more matches may bear out that they are one than tell them apart: a figure with four such sides was placed
+    on two of them, and 0.10 of the matches contradict that, 0.18 where it stands rightly. Two sides of crinkled foil share a few features by
+    chance, and no match contradicts them; but what flies before a black sky does not jump. A cut that leaves less than half of the images
+    does not tell which of its parts are right.
+    """
+    found, footage = given.found, given.footage
+    flies = footage.background == "black"
+    if not jumps(model, footage) or (not flies and contradictions(model, found.database).share < MANY):
+        return model, found
+    cut, others = _steady_part(model, given)
+    try:
+        grown = _followed(cut, replace(given, found=others))
+    except NotPossible:
+        grown = cut
+    if flies and 2 * grown.num_reg_images() < model.num_reg_images():
+        return model, found
+    return grown, others
+
+
+def _steady_part(model: pycolmap.Reconstruction, given: ModelInputs) -> tuple[pycolmap.Reconstruction, Attempt]:
+    """The largest part of a model that turns steadily, matched by itself, and what was found, with the other parts as models of their
+    own; both as they are where the model has no jump."""
+    first, *others = steady_parts(model, given.footage, given.found.mapping)
+    if first is model:
+        return model, given.found
+    model = match_predicted(first, given, given.work / "steady")
+    return model, replace(given.found, models=[model, *others, *given.found.models[1:]])
+
+
+def _followed(model: pycolmap.Reconstruction, given: ModelInputs) -> pycolmap.Reconstruction:
+    """The model with the images that its motion leads to, as far as they follow each other as motion lets them.
+
+    Images far from the first model are held by little until all are matched at their predicted places; what lies beyond a jump
+    is left to the next round.
+    """
+    for turn in range(FOLLOWED):
+        core = frozenset(model.reg_image_ids())
+        rounds = replace(given, work=given.work / f"following{turn}")
+        grown = add_predicted_images(model, rounds)
+        keep = steady_images(grown, given.footage, given.found.mapping, core)
+        if not keep > core:
+            break
+        take_out_images(grown, set(grown.reg_image_ids()) - keep)
+        model = match_predicted(grown, given, rounds.work / "grown")
+        if model.num_reg_images() == len(given.footage.frames):
+            break
+    return model
+
+
+def left_out(lost: int) -> list[str]:
+    """What is said of images that a cut film has lost."""
+    if lost < 1:
+        return []
+    return [
+        f"two sides of the body look alike, and {counted(lost, 'image', 'images')} that had been placed on the wrong one could not be "
+        "placed where its motion leads: film with shorter steps, or mark one of these sides"
+    ]
+
+
+def with_pieces(
+    model: pycolmap.Reconstruction, found: Attempt, given: ModelInputs
+) -> tuple[pycolmap.Reconstruction, list[str]]:
+    """The model with the pieces that its motion and surface join, and what is said of that."""
+    before = model.num_reg_images()
+    model = join_pieces(model, apart(model, found.models), given)
+    if model.num_reg_images() <= before:
+        return model, []
+    return model, [
+        f"the film fell into pieces that share too few features, the largest of {before} images: they were joined by the "
+        "body's free motion and by the surface that two pieces show"
+    ]
+
+
+def along_free_motion(
+    model: pycolmap.Reconstruction, given: ModelInputs
+) -> tuple[pycolmap.Reconstruction, Following] | None:
+    """The images placed by the body's free motion, and that, where its cells repeat, or where it flies before a black sky and many images
+    of it are not placed yet; None where it is not needed, too few tell it, it places no more images, or the body does not move so.
+
+    On crinkled foil the images of a bright side match each other falsely, and what is then placed by itself stands still or turns
+    back, while the motion through the images that are right leads to all others.
+    """
+    if given.found.repeats:
+        return follow_free_motion(model, given)
+    # one in the Earth's shadow shows nothing to place it by
+    lit = sum(len(places) >= given.options.refine.fewest for places, _ in given.found.features.values())
+    placed = model.num_reg_images()
+    if given.footage.background != "black" or not SHORTEST <= placed < ENOUGH * lit:
+        return None
+    along = follow_free_motion(model, given)
+    return along if along is not None and along[0].num_reg_images() > placed else None
