@@ -14,7 +14,9 @@ import pytest
 from test_object_on_support import box, rectangle, scene
 
 from massprops.capture.choice import Located, Pointed, check_early, locate, parse
-from massprops.capture.readings import KEEP_SUPPORT, Found, Scene, _slopes, described, find_object, picture
+from massprops.capture.readings import KEEP_SUPPORT, Found, described, find_object, picture
+from massprops.capture.scene import Scene
+from massprops.capture.stand import _slopes
 from massprops.dense.region import Region
 from massprops.errors import InputError, NotPossible
 from massprops.run.stages import shape
@@ -460,7 +462,7 @@ def test_a_few_wrong_matches_make_no_moulding_of_a_stand() -> None:
     """A disc on a square block of its own colour, whose ledge is .6 of the disc's radius wide; some points are off the disc."""
     from types import SimpleNamespace
 
-    from massprops.capture.readings import _is_narrow
+    from massprops.capture.stand import _is_narrow
 
     rng = np.random.default_rng(0)
     square = rng.uniform(-1.6, 1.6, (20_000, 2))

@@ -20,7 +20,7 @@ from test_object_on_support import box, rectangle
 from test_readings import GREY, RED, SIZE, VIEWS, ground, made, on_stand, pixel_of, two_boxes
 
 from massprops.capture.frame_edge import cut_off
-from massprops.capture.readings import Scene
+from massprops.capture.scene import Scene
 from massprops.errors import InputError, NotPossible
 from massprops.geometry.rasterise import silhouette
 from massprops.mass.confidence import confidence

@@ -26,7 +26,8 @@ from massprops.views import Views
 
 if TYPE_CHECKING:
     from massprops.capture.occlusion import HiddenShape, Occlusion
-    from massprops.capture.readings import Reading, Scene
+    from massprops.capture.readings import Reading
+    from massprops.capture.scene import Scene
     from massprops.capture.support import OnSupport
     from massprops.dense.region import Region
     from massprops.surface.cloud import Cloud
@@ -175,7 +176,8 @@ def _rough_support(
     job: Job, views: Views, region: Region, sparse: SparsePoints, turning: bool = False
 ) -> tuple[Cloud, np.ndarray] | None:
     """Dense points of all views and the plane (4,) that carries what they look at, or None; turning: of `find_object`."""
-    from massprops.capture.readings import Scene, turning_plate
+    from massprops.capture.scene import Scene
+    from massprops.capture.stand import turning_plate
     from massprops.capture.support import find_support
 
     try:
@@ -352,7 +354,8 @@ def _placement(
     """The first shape of one placement; views and sparse points are its own, known (4,) is another one's support; whole: with what
     it seems to stand on."""
     from massprops.capture.occlusion import on_mesh
-    from massprops.capture.readings import Scene, find_object
+    from massprops.capture.readings import find_object
+    from massprops.capture.scene import Scene
     from massprops.capture.support import least_rise
     from massprops.dense.region import region_of
     from massprops.surface.colour import vertex_colours
