@@ -10,14 +10,16 @@ from typing import Any
 import numpy as np
 
 from massprops.diagnosis import criteria
+from massprops.diagnosis.candidate import Selection, rms
 from massprops.diagnosis.document import blind_reason, document_of_selection, model_of_selection
 from massprops.diagnosis.hypothesis_fit import torque_sd
 from massprops.diagnosis.measured_beside import effects_beside, of_one_wheel
 from massprops.diagnosis.motion_path import LARGEST_STEP, MOST_POINTS
 from massprops.diagnosis.record import FEWEST_ROWS, Record, record_of_attitudes, record_of_rates
 from massprops.diagnosis.residual_rows import HEAD, torque_rows
-from massprops.diagnosis.selection import Selection, rigid_body_alone, rms, select
+from massprops.diagnosis.selection import select
 from massprops.diagnosis.set_clock import refuse_set_clock
+from massprops.diagnosis.unnamed import rigid_body_alone
 from massprops.effects import in_place
 from massprops.errors import InputError, NotPossible
 from massprops.sensing.check import check_sensors

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from massprops.diagnosis import criteria
+from massprops.diagnosis.candidate import Candidate, Selection, rms
 from massprops.diagnosis.held_out import fitted_rms, held_out_rms
 from massprops.diagnosis.hypothesis_fit import PASSES, HypothesisFit, torque_sd
-from massprops.diagnosis.selection import Candidate, Selection, rms, significance
+from massprops.diagnosis.verdict import significance
 
 INTERVALS = 12
 CLEAR = 2

@@ -12,9 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from massprops.diagnosis.candidate import rms
 from massprops.diagnosis.hypothesis_fit import HypothesisFit
 from massprops.diagnosis.record import record_of_rates
-from massprops.diagnosis.selection import rms, without_effects
+from massprops.diagnosis.unnamed import without_effects
 from massprops.errors import NotPossible
 from massprops.sensing.time_jumps import clock_was_set, gaps_in
 from massprops.sequence.data import RateSeries

@@ -16,8 +16,8 @@ from bench.hidden_laws import STEP_S, HiddenLaw, draw
 
 from massprops.diagnosis.discovery.law import document_of_law
 from massprops.diagnosis.discovery.sequence_law import law_of_sequence
-from massprops.diagnosis.selection import without_effects
 from massprops.diagnosis.sequence_record import record_of_sequence
+from massprops.diagnosis.unnamed import without_effects
 
 pytestmark = pytest.mark.bench
 

@@ -17,7 +17,8 @@ from massprops.diagnosis.effect_search import best_fit, moved_to_best
 from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
 from massprops.diagnosis.record import Record, record_of_attitudes
 from massprops.diagnosis.scanned_values import with_scanned
-from massprops.diagnosis.selection import wheel_of_any_history, without_effects
+from massprops.diagnosis.unnamed import without_effects
+from massprops.diagnosis.wheel_of_any_history import wheel_of_any_history
 from massprops.effects import effects
 
 pytestmark = pytest.mark.bench

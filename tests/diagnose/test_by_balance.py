@@ -9,6 +9,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from massprops.diagnosis.candidate import Candidate, Selection, rms
 from massprops.diagnosis.conserved_start import Start
 from massprops.diagnosis.effect_columns import Term
 from massprops.diagnosis.effect_search import best_fit
@@ -18,7 +19,6 @@ from massprops.diagnosis.search import by_balance
 from massprops.diagnosis.search.by_balance import ByBalance, fits_by_balance
 from massprops.diagnosis.search.case import Case, case_of
 from massprops.diagnosis.search.refit import refit
-from massprops.diagnosis.selection import Candidate, Selection, rms
 from massprops.effects import effects
 from massprops.model.problem import problem_of
 from massprops.simulation.track_scenario import TrackScenario

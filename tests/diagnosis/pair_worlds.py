@@ -273,8 +273,9 @@ def _sequence(times: np.ndarray, q: np.ndarray, sun: np.ndarray, rng: np.random.
 
 def shows(sequence: Sequence) -> bool:
     """Whether a free rigid body leaves more than `LEAST_SHOWN` of the noise."""
+    from massprops.diagnosis.candidate import rms
     from massprops.diagnosis.record import record_of_attitudes
-    from massprops.diagnosis.selection import rms, without_effects
+    from massprops.diagnosis.unnamed import without_effects
 
     assert sequence.attitude is not None
     base, _ = without_effects(record_of_attitudes(sequence.attitude, sequence.environment))

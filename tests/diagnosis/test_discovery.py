@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from massprops.diagnosis.candidate import Candidate, Selection
 from massprops.diagnosis.discovery.beside_catalogue import against_name, against_selection
 from massprops.diagnosis.discovery.effect_source import effect_of, source_of
 from massprops.diagnosis.discovery.law import Against, discover
@@ -16,8 +17,8 @@ from massprops.diagnosis.discovery.regression import Found, Regression, distinct
 from massprops.diagnosis.discovery.sequence_law import files_of_law
 from massprops.diagnosis.effect_search import best_fit
 from massprops.diagnosis.motion_path import MotionPath, path_from_rates
-from massprops.diagnosis.selection import Candidate, Selection, without_effects
 from massprops.diagnosis.sequence_record import record_of_sequence
+from massprops.diagnosis.unnamed import without_effects
 from massprops.dynamics.environment import EnvironmentState
 from massprops.effect_contract import faults, superposes
 from massprops.effect_file import with_effects

@@ -10,6 +10,7 @@ from diagnosis import tossed_bodies
 from diagnosis.tossed_bodies import RATE, SIGMA, Toss
 
 from massprops.diagnosis import effect_search, hypothesis_fit, selection
+from massprops.diagnosis.candidate import Candidate, Selection, rms
 from massprops.diagnosis.conserved_start import Start
 from massprops.diagnosis.diagnose import decides, diagnose_by_balance
 from massprops.diagnosis.document import document_of_selection, parameters, rate_change
@@ -20,7 +21,7 @@ from massprops.diagnosis.motion_path import path_from_rates
 from massprops.diagnosis.record import record_of_attitudes, record_of_rates
 from massprops.diagnosis.scanned_values import FINER, LARGEST_STEP, _finer, _halfway, with_scanned
 from massprops.diagnosis.screen import screened
-from massprops.diagnosis.selection import Candidate, Selection, rms, without_effects
+from massprops.diagnosis.unnamed import without_effects
 from massprops.effects import effects
 from massprops.sequence.data import AttitudeSeries, Environment, RateSeries, Sequence
 

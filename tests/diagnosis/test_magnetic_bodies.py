@@ -10,7 +10,7 @@ import pytest
 from massprops.diagnosis.effect_search import best_fit
 from massprops.diagnosis.hypothesis_fit import HypothesisFit
 from massprops.diagnosis.record import record_of_attitudes
-from massprops.diagnosis.selection import without_effects
+from massprops.diagnosis.unnamed import without_effects
 from massprops.dynamics.environment import EnvironmentModel
 from massprops.effects import effects
 from massprops.sequence.data import Sequence

@@ -9,13 +9,15 @@ import numpy as np
 import pytest
 
 from massprops.diagnosis import selection
+from massprops.diagnosis.candidate import within_noise
 from massprops.diagnosis.diagnose import BalanceDiagnosis, diagnose_by_balance
 from massprops.diagnosis.effect_search import best_fit
 from massprops.diagnosis.measured_beside import effects_beside
 from massprops.diagnosis.record import record_of_attitudes
 from massprops.diagnosis.search import diagnose
-from massprops.diagnosis.selection import significance, within_noise, without_effects
 from massprops.diagnosis.sequence_record import record_of_sequence
+from massprops.diagnosis.unnamed import without_effects
+from massprops.diagnosis.verdict import significance
 from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.quaternion import from_rotation_vector, multiply
 from massprops.dynamics.rotation import trajectory

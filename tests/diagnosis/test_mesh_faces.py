@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 import trimesh
 
+from massprops.diagnosis.candidate import within_noise
 from massprops.diagnosis.effect_search import best_fit
 from massprops.diagnosis.measured_beside import effects_beside
 from massprops.diagnosis.record import record_of_attitudes
-from massprops.diagnosis.selection import within_noise, without_effects
+from massprops.diagnosis.unnamed import without_effects
 from massprops.dynamics.mesh_faces import faces_of, rows_of_mesh
 from massprops.dynamics.sunlit_bodies import torque_of
 from massprops.effect_contract import faults

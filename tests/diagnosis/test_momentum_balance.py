@@ -9,6 +9,7 @@ import pytest
 from report.browser import BROWSER, check_page
 from scipy.integrate import solve_ivp
 
+from massprops.diagnosis.candidate import rms
 from massprops.diagnosis.conserved_start import conserved, conserved_across
 from massprops.diagnosis.criteria import ALIKE, SCALE_SD, SCALES
 from massprops.diagnosis.diagnose import diagnose_by_balance
@@ -20,7 +21,7 @@ from massprops.diagnosis.momentum_balance import inertia_of, inertia_slopes, sha
 from massprops.diagnosis.motion_path import path_from_rates
 from massprops.diagnosis.record import record_of_rates
 from massprops.diagnosis.scanned_values import at_likely_scale
-from massprops.diagnosis.selection import rms, significance
+from massprops.diagnosis.verdict import significance
 from massprops.dynamics.environment import EnvironmentState
 from massprops.dynamics.rotation import six_of
 from massprops.effects import effects

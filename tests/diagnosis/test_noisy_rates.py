@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from massprops.diagnosis.candidate import within_noise
 from massprops.diagnosis.conserved_start import Start
 from massprops.diagnosis.effect_search import again, best_fit
 from massprops.diagnosis.hypothesis_fit import Hypothesis, fit_hypothesis
 from massprops.diagnosis.record import Record, record_of_rates
-from massprops.diagnosis.selection import within_noise, without_effects
+from massprops.diagnosis.unnamed import without_effects
 from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.rotation import trajectory
 from massprops.effects import effects

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from diagnosis.test_momentum_balance import tumble
 
+from massprops.diagnosis.candidate import Candidate
 from massprops.diagnosis.effect_search import admissible, again, best_fit
 from massprops.diagnosis.record import record_of_rates
-from massprops.diagnosis.selection import Candidate, _with_other_laws, usable_effects, without_effects
+from massprops.diagnosis.selection import _with_other_laws, usable_effects
+from massprops.diagnosis.unnamed import without_effects
 from massprops.effects import effects
 
 DRAG = np.array([0.02, 0.05, 0.03])

@@ -9,6 +9,7 @@ import pytest
 from diagnosis.test_momentum_balance import tumble
 
 from massprops.diagnosis import pairs as module
+from massprops.diagnosis.candidate import Candidate, Selection, paid, rms, within_noise
 from massprops.diagnosis.conserved_start import conserved
 from massprops.diagnosis.document import document_of_selection, model_of_selection
 from massprops.diagnosis.effect_columns import Term, looked_at, scan, term_of
@@ -17,19 +18,10 @@ from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hy
 from massprops.diagnosis.pair_scan import ANCHORED, FEW, KEPT, LOCAL_MINIMA, least_left, scanned
 from massprops.diagnosis.pairs import pairs
 from massprops.diagnosis.record import Record, record_of_attitudes, record_of_rates
-from massprops.diagnosis.selection import (
-    Candidate,
-    Selection,
-    _verdict,
-    asks_for_two,
-    may_be_named,
-    paid,
-    rms,
-    usable_effects,
-    wheel_of_any_history,
-    within_noise,
-    without_effects,
-)
+from massprops.diagnosis.selection import usable_effects
+from massprops.diagnosis.unnamed import without_effects
+from massprops.diagnosis.verdict import asks_for_two, may_be_named, verdict_of
+from massprops.diagnosis.wheel_of_any_history import wheel_of_any_history
 from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.quaternion import from_rotation_vector, multiply
 from massprops.dynamics.rotation import trajectory
@@ -214,7 +206,7 @@ def test_what_is_not_told_from_an_unknown_torque_is_listed_beside_it() -> None:
 
     def verdict(lead: float) -> str:
         ahead = Candidate(alone=replace(fit, evidence=unknown.evidence + lead))
-        return _verdict(base, (unknown,), [ahead])[0]
+        return verdict_of(base, (unknown,), [ahead])[0]
 
     assert [verdict(lead) for lead in (-6.0, -3.0, 3.0, 20.0)] == ["unexplained", "ambiguous", "ambiguous", "named"]
 

@@ -12,6 +12,7 @@ from diagnosis.test_momentum_balance import INERTIA, tumble
 from diagnosis.test_turned_axes import seen
 
 from massprops.diagnosis import criteria, selection
+from massprops.diagnosis.candidate import Candidate
 from massprops.diagnosis.common_parameters import Common, Law, common_of, joined
 from massprops.diagnosis.criteria import SHAPE_SD
 from massprops.diagnosis.diagnose import diagnose_by_balance
@@ -20,9 +21,9 @@ from massprops.diagnosis.hypothesis_fit import HypothesisFit
 from massprops.diagnosis.momentum_balance import inertia_of, shape_of
 from massprops.diagnosis.record import Record, record_of_attitudes, record_of_rates
 from massprops.diagnosis.scanned_values import with_scanned
-from massprops.diagnosis.selection import Candidate, without_effects
 from massprops.diagnosis.several import CommonEffect, Together, together
 from massprops.diagnosis.several_document import common_ratios, document_of_together
+from massprops.diagnosis.unnamed import without_effects
 from massprops.dynamics.inertia import ratios
 from massprops.dynamics.quaternion import from_rotation_vector, rotation_matrix
 from massprops.effects import effects
@@ -236,7 +237,7 @@ def test_two_records_separate_what_one_confounds(monkeypatch: pytest.MonkeyPatch
         begun.append((np.array([w, x, y, z]), rate))
     names = ("eddy-current-torque", "viscous-damping")
     monkeypatch.setattr(selection, "in_balance", lambda: [effects()[n] for n in names])
-    monkeypatch.setattr(selection, "wheel_of_any_history", _none)
+    monkeypatch.setattr(selection, "first_look_at_wheel", _none)
     found = [diagnose_by_balance(r) for r in _records(Acting(torque=torque), begun)]
     assert [f.document["verdict"] for f in found] == ["ambiguous", "named"]
     joint = together([f.selection for f in found])

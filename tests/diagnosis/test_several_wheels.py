@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from massprops.diagnosis import selection
+from massprops.diagnosis.candidate import within_noise
 from massprops.diagnosis.common_parameters import common_of
 from massprops.diagnosis.diagnose import diagnose_by_balance, diagnose_several
 from massprops.diagnosis.effect_search import best_fit
@@ -20,8 +21,8 @@ from massprops.diagnosis.measured_beside import effects_beside, of_one_wheel
 from massprops.diagnosis.momentum_balance import shape_of
 from massprops.diagnosis.record import record_of_attitudes
 from massprops.diagnosis.record_agreement import OF_INERTIA, own_numbers, shared_numbers, stretch
-from massprops.diagnosis.selection import within_noise, without_effects
 from massprops.diagnosis.several import _apart
+from massprops.diagnosis.unnamed import without_effects
 from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.inertia import ratios
 from massprops.dynamics.quaternion import from_rotation_vector, multiply

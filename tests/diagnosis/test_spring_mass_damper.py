@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from massprops.diagnosis.candidate import Candidate, rms
 from massprops.diagnosis.conserved_start import Start
 from massprops.diagnosis.effect_columns import lookalikes, term_of
 from massprops.diagnosis.effect_search import best_fit
 from massprops.diagnosis.hypothesis_fit import Hypothesis, fit_hypothesis
 from massprops.diagnosis.record import record_of_attitudes
-from massprops.diagnosis.selection import Candidate, _begun_again, rms, without_effects
+from massprops.diagnosis.selection import _begun_again
+from massprops.diagnosis.unnamed import without_effects
 from massprops.dynamics.effects import spring_mass_damper as spring
 from massprops.dynamics.effects.spring_mass_damper import MOMENTUM_UNKNOWNS
 from massprops.dynamics.environment import EnvironmentModel

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from massprops.diagnosis.candidate import Candidate, within_noise
 from massprops.diagnosis.conserved_start import Start
 from massprops.diagnosis.effect_columns import Term, forcing_of
 from massprops.diagnosis.effect_search import again
@@ -14,7 +15,8 @@ from massprops.diagnosis.hypothesis_fit import Hypothesis, fit_hypothesis
 from massprops.diagnosis.latent_torque import by_direction
 from massprops.diagnosis.motion_path import path_from_rates
 from massprops.diagnosis.record import record_of_attitudes
-from massprops.diagnosis.selection import Candidate, may_be_named, torque_by_sun, within_noise, without_effects
+from massprops.diagnosis.unnamed import torque_by_sun, without_effects
+from massprops.diagnosis.verdict import may_be_named
 from massprops.dynamics.sunlit_bodies import drawn_body, likely_unknowns, torque_of
 from massprops.effects import effects
 from massprops.geometry.vectors import sphere

@@ -10,10 +10,11 @@ from diagnosis.test_momentum_balance import INERTIA
 from scipy.integrate import solve_ivp
 
 from massprops.diagnosis import selection
+from massprops.diagnosis.candidate import Candidate
 from massprops.diagnosis.common_parameters import Common, common_of
 from massprops.diagnosis.momentum_balance import Balance
 from massprops.diagnosis.record import Record, attitudes_of, in_turned_axes, record_of_attitudes, record_of_rates
-from massprops.diagnosis.selection import Candidate, without_effects
+from massprops.diagnosis.unnamed import without_effects
 from massprops.dynamics.inertia import ratios
 from massprops.dynamics.quaternion import (
     chained,

@@ -8,12 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from massprops.diagnosis.candidate import Selection
 from massprops.diagnosis.diagnose import BalanceDiagnosis, residual_table
 from massprops.diagnosis.document import gap, latent, where
 from massprops.diagnosis.hypothesis_fit import torque_sd
 from massprops.diagnosis.page import _over_time, _torque
 from massprops.diagnosis.record import record_of_attitudes
-from massprops.diagnosis.selection import Selection, inertial_torque, without_effects
+from massprops.diagnosis.unnamed import inertial_torque, without_effects
 
 
 @pytest.fixture(scope="module")

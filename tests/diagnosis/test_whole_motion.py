@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from massprops.diagnosis import whole_motion
+from massprops.diagnosis.candidate import rms
 from massprops.diagnosis.conserved_start import Start
 from massprops.diagnosis.document import parameters
 from massprops.diagnosis.effect_columns import term_of
@@ -14,7 +15,7 @@ from massprops.diagnosis.hypothesis_fit import Hypothesis, fit_hypothesis
 from massprops.diagnosis.momentum_balance import INERTIA, shape_of
 from massprops.diagnosis.record import Record, record_of_attitudes
 from massprops.diagnosis.scanned_values import with_scanned
-from massprops.diagnosis.selection import rms, without_effects
+from massprops.diagnosis.unnamed import without_effects
 from massprops.effects import effects
 from massprops.sequence.data import Sequence
 

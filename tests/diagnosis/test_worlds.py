@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from massprops.diagnosis.candidate import Candidate, rms, within_noise
 from massprops.diagnosis.conserved_start import Start
 from massprops.diagnosis.effect_columns import Term, forcing_of, in_balance, scan
 from massprops.diagnosis.effect_search import again
@@ -13,7 +14,8 @@ from massprops.diagnosis.momentum_balance import Balance, Rows
 from massprops.diagnosis.motion_path import path_from_rates
 from massprops.diagnosis.record import Record, record_of_attitudes
 from massprops.diagnosis.screen import screened
-from massprops.diagnosis.selection import Candidate, asks_for_two, may_be_named, rms, within_noise, without_effects
+from massprops.diagnosis.unnamed import without_effects
+from massprops.diagnosis.verdict import asks_for_two, may_be_named
 from massprops.dynamics.environment import EnvironmentState
 from massprops.effects import effects
 

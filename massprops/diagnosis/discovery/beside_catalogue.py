@@ -10,11 +10,13 @@ from contextlib import suppress
 
 import numpy as np
 
+from massprops.diagnosis.candidate import Candidate, Selection, paid
 from massprops.diagnosis.discovery.law import Against, Law
 from massprops.diagnosis.effect_columns import has_known_rate
 from massprops.diagnosis.effect_search import best_fit
 from massprops.diagnosis.hypothesis_fit import HypothesisFit
-from massprops.diagnosis.selection import Candidate, Selection, paid, usable_effects, wheel_of_any_history
+from massprops.diagnosis.selection import usable_effects
+from massprops.diagnosis.wheel_of_any_history import wheel_of_any_history
 from massprops.errors import NotPossible
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from massprops.diagnosis import criteria
+from massprops.diagnosis.candidate import within_noise
 from massprops.diagnosis.conserved_start import Start
 from massprops.diagnosis.discovery.effect_source import effect_of, source_of
 from massprops.diagnosis.discovery.library import (
@@ -34,7 +35,6 @@ from massprops.diagnosis.held_out import fitted_rms, held_out_rms, noise_floor
 from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
 from massprops.diagnosis.momentum_balance import Balance, torque_forcing
 from massprops.diagnosis.record import Record
-from massprops.diagnosis.selection import within_noise
 
 LIKELY = 0.75
 """Probability of each of its terms from which a law is stated as one."""

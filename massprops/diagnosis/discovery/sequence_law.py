@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+from massprops.diagnosis.candidate import Selection
 from massprops.diagnosis.discovery.law import Law, discover, document_of_law, model_of_law
-from massprops.diagnosis.selection import Selection
 from massprops.diagnosis.sequence_record import record_of_sequence
 from massprops.sequence.data import Sequence
 
@@ -21,7 +21,7 @@ def law_of_sequence(sequence: Sequence, named: Selection | str | None = None) ->
         NotPossible: nothing shows the rotation, or the fits lead nowhere.
     """
     from massprops.diagnosis.discovery.beside_catalogue import against_name, against_selection
-    from massprops.diagnosis.selection import without_effects
+    from massprops.diagnosis.unnamed import without_effects
 
     record = record_of_sequence(sequence)
     base, unknown = without_effects(record)

@@ -13,13 +13,14 @@ from types import ModuleType
 
 import numpy as np
 
+from massprops.diagnosis.candidate import Selection, within_noise
 from massprops.diagnosis.document import parameters
 from massprops.diagnosis.hypothesis_fit import HypothesisFit
 from massprops.diagnosis.record import record_of_attitudes
 from massprops.diagnosis.search.assumed import with_mass
 from massprops.diagnosis.search.case import Case
 from massprops.diagnosis.search.refit import Added, Scored, near, refit, with_effects
-from massprops.diagnosis.selection import Selection, select, within_noise
+from massprops.diagnosis.selection import select
 from massprops.effects import effects, forms
 from massprops.errors import NotPossible
 from massprops.model.state import BatchState

@@ -20,7 +20,7 @@ from massprops.model.state import in_axes
 from massprops.sequence.data import AttitudeSeries
 
 if TYPE_CHECKING:
-    from massprops.diagnosis.selection import Selection
+    from massprops.diagnosis.candidate import Selection
 
 BLOCKS = 20
 HELD_BLOCKS = (5, 12, 18, 19)

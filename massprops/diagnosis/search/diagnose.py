@@ -17,11 +17,11 @@ from massprops.dynamics.inertia import ratios
 from massprops.errors import InputError, NotPossible
 
 if TYPE_CHECKING:
+    from massprops.diagnosis.candidate import Selection as Named
     from massprops.diagnosis.diagnose import BalanceDiagnosis
     from massprops.diagnosis.search.case import Case
     from massprops.diagnosis.search.refit import Scored
     from massprops.diagnosis.search.select import Selection
-    from massprops.diagnosis.selection import Selection as Named
     from massprops.model.problem import Problem
     from massprops.sequence.data import Sequence
 
