@@ -1,11 +1,19 @@
-"""Algebra of symmetric matrices that numbers of several units make up."""
+"""Algebra of symmetric matrices that numbers of several units make up, and where parts of a vector lie."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import accumulate, pairwise
 
 import numpy as np
 
 LARGEST_INVERSE = 1e9
 """Element of an inverse, in units of the diagonal, up to which the plain inverse is as good as any."""
+
+
+def consecutive(counts: Iterable[int], first: int = 0) -> list[slice]:
+    """Slices of so many numbers each, one after the other, from the number `first` on."""
+    return [slice(begin, end) for begin, end in pairwise(accumulate(counts, initial=first))]
 
 
 def inverse_of(normal: np.ndarray) -> np.ndarray:

@@ -15,6 +15,8 @@ from typing import Literal
 
 import numpy as np
 
+from massprops.core.linalg import consecutive
+
 DEGREES = 1.0
 """Of Student's law for sparse unknowns: Cauchy's, the customary choice for rare steps among many small ones."""
 STEPS = 60
@@ -66,11 +68,23 @@ class Posterior:
     noise: np.ndarray
     residual: np.ndarray
 
+    @property
+    def whole(self) -> np.ndarray:
+        """(k,) the likeliest unknowns of all blocks."""
+        return np.concatenate(list(self.mean.values()))
+
+    @property
+    def places(self) -> dict[str, slice]:
+        """Where each block's unknowns stand among all."""
+        return dict(zip(self.mean, consecutive(map(len, self.mean.values())), strict=True))
+
+    def by_block(self, values: np.ndarray) -> dict[str, np.ndarray]:
+        """Numbers (k,) of all unknowns, by block."""
+        return {name: values[own] for name, own in self.places.items()}
+
     def shifts(self, change: np.ndarray, at: np.ndarray) -> dict[str, np.ndarray]:
         """By how much the likeliest values of all unknowns move, by block, with a change (f,) of those at places (f,) of all."""
-        moved = self.joint[:, at] @ np.linalg.solve(self.joint[np.ix_(at, at)], change)
-        ends = np.cumsum([len(m) for m in self.mean.values()])
-        return dict(zip(self.mean, np.split(moved, ends[:-1]), strict=True))
+        return self.by_block(self.joint[:, at] @ np.linalg.solve(self.joint[np.ix_(at, at)], change))
 
     def square(self, change: np.ndarray, at: np.ndarray) -> float:
         """A change (f,) of the unknowns at places (f,) over their covariance, squared."""
@@ -212,9 +226,8 @@ class _Search:
     """
 
     def __init__(self, rows: _Rows, blocks: list[Block], noise_rows: float) -> None:
-        ends = np.cumsum([b.count for b in blocks])
-        self.rows, self.noise_rows, self.count = rows, noise_rows, int(ends[-1])
-        self.places = [(b, slice(int(end) - b.count, int(end))) for b, end in zip(blocks, ends, strict=True)]
+        self.places = list(zip(blocks, consecutive(b.count for b in blocks), strict=True))
+        self.rows, self.noise_rows, self.count = rows, noise_rows, self.places[-1][1].stop
         self.sparse = [b.name for b in blocks if b.kind == "sparse"]
         self.squares: _Squares | None = None
         wide = [p for b, p in self.places if b.kind == "common" and b.count >= WIDE]

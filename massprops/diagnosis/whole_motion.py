@@ -14,6 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
+from massprops.core.linalg import consecutive
 from massprops.diagnosis.criteria import SHAPE_SD
 from massprops.diagnosis.effect_columns import Term, term_of
 from massprops.diagnosis.hypothesis_fit import HypothesisFit
@@ -104,17 +105,15 @@ class _Motion:
 
     def moved(self, d: np.ndarray) -> _Motion:
         """After a step d (all,) of everything."""
-        ends = np.cumsum([START, INERTIA, *(len(a.x) for a in self.acting)])
-        start, shape, *own = np.split(d, ends[:-1])
+        start, shape = d[:START], d[START : START + INERTIA]
         q = normalise(multiply(self.q, from_rotation_vector(start[:3])))
-        acting = tuple(a.moved(step) for a, step in zip(self.acting, own, strict=True))
+        acting = tuple(a.moved(d[own]) for a, own in zip(self.acting, self.places, strict=True))
         return _Motion(q, self.w + start[3:], self.shape + shape, acting)
 
     @property
     def places(self) -> list[slice]:
         """Of each effect's unknowns among all."""
-        ends = (START + INERTIA + np.cumsum([0, *(len(a.x) for a in self.acting)])).tolist()
-        return [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+        return consecutive((len(a.x) for a in self.acting), START + INERTIA)
 
 
 class _Problem:
@@ -128,8 +127,7 @@ class _Problem:
         self.attitudes = attitudes_of(record)
         self.over = 1.0 / (record.rows.sigma * fit.noise[0])
         self.found = {t.name: fit.posterior.sd[t.name] for t in terms}
-        counts = np.cumsum([0, *(len(t.effect.PARAMETERS) for t in terms)]).tolist()
-        self.places = tuple(slice(a, b) for a, b in zip(counts[:-1], counts[1:], strict=True))
+        self.places = tuple(consecutive(len(t.effect.PARAMETERS) for t in terms))
         self.active = ActiveEffects(tuple(t.effect for t in terms), self.places)
 
     def sd(self, at: _Motion) -> np.ndarray:

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from massprops.core.linalg import consecutive
 from massprops.dynamics.environment import EnvironmentModel, EnvironmentState
 from massprops.dynamics.events import acts_at_once, struck
 from massprops.dynamics.kernels import INSIDE, cross, quaternion_rate, symmetric_solve, symmetric_times
@@ -43,12 +44,7 @@ class ActiveEffects:
 
     @cached_property
     def states(self) -> tuple[slice, ...]:
-        at, out = 0, []
-        for effect in self.effects:
-            count = getattr(effect, "STATES", 0)
-            out.append(slice(at, at + count))
-            at += count
-        return tuple(out)
+        return tuple(consecutive(getattr(e, "STATES", 0) for e in self.effects))
 
     def __iter__(self) -> Iterator[tuple[ModuleType, slice, slice]]:
         return iter(zip(self.effects, self.places, self.states, strict=True))

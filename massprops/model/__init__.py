@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from massprops.core.linalg import consecutive
 from massprops.documents.fields import no_key
 from massprops.documents.loading import excerpt
 from massprops.documents.model import FORMAT
@@ -216,11 +217,7 @@ def _of_entry(effect: ModuleType, given: dict[str, Any] | None, path: Path) -> M
 
 
 def _places(modules: list[ModuleType]) -> tuple[slice, ...]:
-    at, out = 0, []
-    for m in modules:
-        out.append(slice(at, at + len(m.PARAMETERS)))
-        at += len(m.PARAMETERS)
-    return tuple(out)
+    return tuple(consecutive(len(m.PARAMETERS) for m in modules))
 
 
 __all__ = ["Model", "document_of", "lacks", "load_model", "model_of"]
