@@ -27,7 +27,8 @@ import numpy as np
 
 from massprops.diagnosis.criteria import AXIS_SD
 from massprops.diagnosis.effect_columns import Term, term_of
-from massprops.diagnosis.hypothesis_fit import AXES, SMALL_STEP, AxesTurn, Hypothesis, HypothesisFit, across, linearised
+from massprops.diagnosis.hypothesis import AXES, AxesTurn, Hypothesis, across
+from massprops.diagnosis.hypothesis_fit import SMALL_STEP, HypothesisFit, linearised
 from massprops.diagnosis.momentum_balance import INERTIA, inertia_of
 from massprops.errors import NotPossible
 
@@ -241,9 +242,9 @@ def _with(own: Hypothesis, body: tuple[Term, ...], given: dict[tuple[str, str], 
 
 def _places(said: HypothesisFit) -> np.ndarray:
     """Which of a fit's unknowns are common."""
-    starts = dict(zip(said.posterior.mean, np.cumsum([0, *map(len, said.posterior.mean.values())]), strict=False))
-    own = [starts[t.name] + _solved_for(t) for t in said.hypothesis.terms]
-    wheel = [starts["wheel axis"] + np.arange(AXIS)] if said.axis is not None else []
+    places = said.posterior.places
+    own = [places[t.name].start + _solved_for(t) for t in said.hypothesis.terms]
+    wheel = [places["wheel axis"].start + np.arange(AXIS)] if said.axis is not None else []
     return np.concatenate([np.arange(INERTIA), *wheel, *own]).astype(int)
 
 
@@ -283,7 +284,7 @@ def _solved_for(term: Term) -> np.ndarray:
 def _law(said: HypothesisFit, first: HypothesisFit) -> Law:
     """What a record says of the common unknowns of the first; of what it does not have, such as a wheel, no more than the prior."""
     places, factors = _places(said), _factors(said)
-    mean = np.concatenate(list(said.posterior.mean.values()))[places] / factors
+    mean = said.posterior.whole[places] / factors
     sd = np.concatenate(list(said.posterior.sd.values()))[places] / factors
     covariance = said.posterior.joint[np.ix_(places, places)] / np.outer(factors, factors)
     if said.widened > 1.0:
@@ -306,7 +307,7 @@ def _law(said: HypothesisFit, first: HypothesisFit) -> Law:
 def _by_common(said: HypothesisFit, law: Law, first: HypothesisFit) -> np.ndarray:
     """All of a record's unknowns as what is common has them."""
     post, places, at = said.posterior, _places(said), _places_in_first(said, first)
-    mean = np.concatenate(list(post.mean.values()))
+    mean = post.whole
     away = law.mean[at] * _factors(said) - mean[places]
     return np.asarray(mean + post.joint[:, places] @ np.linalg.solve(post.joint[np.ix_(places, places)], away))
 
@@ -322,9 +323,7 @@ def _turned(said: list[HypothesisFit], law: Law, first: HypothesisFit, before: A
     at, sigma = before.at.copy(), before.sigma.copy()
     for k, s in enumerate(said[1:], 1):
         post, places = s.posterior, _places(s)
-        ends = np.cumsum([len(m) for m in post.mean.values()])
-        end = int(ends[list(post.mean).index(AXES)])
-        own = slice(end - 3, end)
+        own = post.places[AXES]
         at[k] = _by_common(s, law, first)[own]
         answer = np.linalg.solve(post.joint[np.ix_(places, places)], post.joint[places, own]).T
         common = _places_in_first(s, first)
@@ -340,8 +339,7 @@ def _moved(said: HypothesisFit, law: Law, first: HypothesisFit) -> Hypothesis:
     """A record's hypothesis about values that what is common leads to, for effects that are not linear in theirs."""
     if said.hypothesis.linear:
         return said.hypothesis
-    mean, post = _by_common(said, law, first), said.posterior
-    own = dict(zip(post.mean, np.split(mean, np.cumsum([len(m) for m in post.mean.values()])[:-1]), strict=True))
+    own = said.posterior.by_block(_by_common(said, law, first))
     return replace(said.hypothesis, terms=tuple(t.moved(own[t.name]) if t.moves else t for t in said.hypothesis.terms))
 
 

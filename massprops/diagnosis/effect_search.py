@@ -20,7 +20,8 @@ from massprops.diagnosis.effect_columns import (
     term_of,
     variants,
 )
-from massprops.diagnosis.hypothesis_fit import SETTLED, Hypothesis, HypothesisFit, fit_hypothesis
+from massprops.diagnosis.hypothesis import Hypothesis
+from massprops.diagnosis.hypothesis_fit import SETTLED, HypothesisFit, fit_hypothesis
 from massprops.diagnosis.record import Record
 from massprops.diagnosis.screen import screened
 from massprops.errors import NotPossible

@@ -15,10 +15,11 @@ from typing import Any
 
 import numpy as np
 
+from massprops.core.linalg import consecutive
 from massprops.diagnosis.criteria import SHAPE_SD, SIGNIFICANT, WIDE
 from massprops.diagnosis.effect_columns import Term, forcing_of, scan
 from massprops.diagnosis.evidence import reduced
-from massprops.diagnosis.hypothesis_fit import sensor_sd
+from massprops.diagnosis.hypothesis import sensor_sd
 from massprops.diagnosis.momentum_balance import INERTIA, Balance, shape_of
 from massprops.diagnosis.record import Record
 from massprops.diagnosis.selection import usable_effects
@@ -132,17 +133,15 @@ def _information(record: Record, balance: Balance, terms: list[Term]) -> tuple[n
     if record.rows.rates or record.rows.gyroscope is not None:
         columns = balance.sensor()
         base, sd = np.concatenate([base, columns], axis=2), np.concatenate([sd, sensor_sd(columns.shape[2])])
-    parts, places, at = [], [], 0
+    parts = []
     for term in terms:
         columns = balance.columns(
             forcing_of(term, record.path, balance.rate, balance.inertia, record.environment_state)
         )
         parts.append(columns.reshape(len(over), -1) * over[:, None])
-        places.append(slice(at, at + parts[-1].shape[1]))
-        at = places[-1].stop
     fixed = base.reshape(len(over), -1) * over[:, None]
     G, _ = reduced(fixed, sd, np.concatenate(parts, axis=1), np.zeros(len(over)))
-    return 0.5 * (G + G.T), places
+    return 0.5 * (G + G.T), consecutive(part.shape[1] for part in parts)
 
 
 def _signal(effect: Any, terms: list[Term], places: list[slice], G: np.ndarray) -> Signal:

@@ -17,7 +17,8 @@ from massprops.diagnosis import criteria
 from massprops.diagnosis.conserved_start import Start, conserved_across, left_across, with_mean_moment_about_axis
 from massprops.diagnosis.effect_columns import has_known_rate, in_balance, steps, term_of, variants
 from massprops.diagnosis.effect_search import BALL, admissible, again, can_be, moved_to_best
-from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
+from massprops.diagnosis.hypothesis import Hypothesis
+from massprops.diagnosis.hypothesis_fit import HypothesisFit, fit_hypothesis
 from massprops.diagnosis.pair_scan import KEPT, Scanned, Terms, least_left, scanned
 from massprops.diagnosis.record import Record
 from massprops.errors import NotPossible

@@ -16,7 +16,8 @@ from massprops.diagnosis.candidate import Candidate, Selection
 from massprops.diagnosis.common_parameters import Common, common_of
 from massprops.diagnosis.effect_columns import Term, follows_measured, has_known_rate
 from massprops.diagnosis.effect_search import admissible, again
-from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
+from massprops.diagnosis.hypothesis import Hypothesis
+from massprops.diagnosis.hypothesis_fit import HypothesisFit, fit_hypothesis
 from massprops.diagnosis.record_agreement import Shared, own_numbers, shared_numbers, stretch
 from massprops.diagnosis.verdict import may_be_named
 from massprops.effects import effects

@@ -11,7 +11,8 @@ from massprops.diagnosis import criteria
 from massprops.diagnosis.candidate import Selection, within_noise
 from massprops.diagnosis.conserved_start import Start, conserved
 from massprops.diagnosis.effect_search import again
-from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
+from massprops.diagnosis.hypothesis import Hypothesis
+from massprops.diagnosis.hypothesis_fit import HypothesisFit, fit_hypothesis
 from massprops.diagnosis.record import Record
 from massprops.errors import NotPossible
 

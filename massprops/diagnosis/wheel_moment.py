@@ -11,7 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from massprops.diagnosis.hypothesis_fit import HypothesisFit, Linearised, along_wheel_axis
+from massprops.diagnosis.criteria import LEAST_SHARE
+from massprops.diagnosis.hypothesis import Guess, wheel_shapes
+from massprops.diagnosis.hypothesis_fit import HypothesisFit, solved_about
+from massprops.diagnosis.momentum_balance import INERTIA, shape_of
 from massprops.errors import NotPossible
 
 FIRST, GROWS = 0.3, 1.25
@@ -23,6 +26,25 @@ MOST = 14
 """Steps to either side."""
 FALL = 5.0
 """Of the log density at which a side ends: what lies beyond has less than a hundredth of the weight."""
+SMALL_MOMENT = 1e-4
+"""Over the mean one, by which the inertia's shape is differentiated."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Linearised:
+    """What a record says if the moment about a wheel's axis is another than a fit's.
+
+    Attributes:
+        density: log density of that moment and the rows; moment_sd: 1-sigma of the moment by this linearisation, over the mean one.
+        history, history_sd: (n,) of the wheel; values, covariance: of each effect.
+    """
+
+    density: float
+    moment_sd: float
+    history: np.ndarray
+    history_sd: np.ndarray
+    values: dict[str, np.ndarray]
+    covariance: dict[str, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -78,3 +100,47 @@ def _side(fit: HypothesisFit, here: Linearised, sign: float) -> _Side:
         if own.density < highest - FALL:
             break
     return out
+
+
+def along_wheel_axis(fit: HypothesisFit, added: float) -> Linearised:
+    """What the record says of a wheel's fit with a moment `added` about its axis, by a pass about the inertia and the history that
+    then move as the fit's do; all of the inertia but that moment is marginalised.
+
+    Raises:
+        NotPossible: no body has that moment, or none comes near the record with it.
+    """
+    axis, history, own = fit.axis, fit.history, fit.hypothesis
+    assert axis is not None and history is not None
+
+    def with_more(more: float) -> np.ndarray:
+        more_inertia = fit.inertia + more * np.outer(axis, axis)
+        return np.asarray(more_inertia * (3.0 / np.trace(more_inertia)))
+
+    inertia, scale = with_more(added), 3.0 / (3.0 + added)
+    if not np.linalg.eigvalsh(1.5 * np.eye(3) - inertia)[0] > LEAST_SHARE * 3.0:
+        raise NotPossible("no body has that moment about the wheel's axis")
+    shape = shape_of(inertia)
+    carried = scale * fit.carried
+    guess = Guess(
+        shape=shape, rate=fit.rate, momentum=carried, axis=axis, history=scale * (history - added * (fit.rate @ axis)),
+        start=np.mean(np.einsum("nij,nj->ni", fit.record.path.R, carried), axis=0),
+    )  # fmt: skip
+    try:
+        post = solved_about(fit.record, own, guess).posterior
+    except (np.linalg.LinAlgError, FloatingPointError):
+        raise NotPossible("no body comes near the record with that moment about the wheel's axis") from None
+    slope = (shape_of(with_more(added + SMALL_MOMENT)) - shape) / SMALL_MOMENT
+    way = slope / (slope @ slope)
+    off, across_all = float(way @ (post.mean["base"][:INERTIA] - shape)), post.joint[:, :INERTIA] @ way
+    variance = float(way @ across_all[:INERTIA])
+    mean = post.whole - across_all * (off / variance)
+    joint = post.joint - np.outer(across_all, across_all) / variance
+    places = post.places
+    shapes, wheel = wheel_shapes(fit.record, own.lag), places["wheel"]
+    spread = np.sum((shapes @ joint[wheel, wheel]) * shapes, axis=1)
+    told = {t.name: t.values(mean[places[t.name]], joint[places[t.name], places[t.name]]) for t in own.terms}
+    return Linearised(
+        density=float(post.evidence - 0.5 * (off**2 / variance + np.log(2.0 * np.pi * variance))),
+        moment_sd=float(np.sqrt(variance)), history=shapes @ mean[wheel], history_sd=np.sqrt(np.maximum(spread, 0.0)),
+        values={k: v for k, (v, _) in told.items()}, covariance={k: c for k, (_, c) in told.items()},
+    )  # fmt: skip

@@ -11,7 +11,8 @@ from massprops.diagnosis import criteria
 from massprops.diagnosis.candidate import Candidate
 from massprops.diagnosis.conserved_start import conserved_across, with_mean_moment_about_axis, with_more_about_axis
 from massprops.diagnosis.effect_search import again
-from massprops.diagnosis.hypothesis_fit import SETTLED, Hypothesis, HypothesisFit, fit_hypothesis
+from massprops.diagnosis.hypothesis import Hypothesis
+from massprops.diagnosis.hypothesis_fit import SETTLED, HypothesisFit, fit_hypothesis
 from massprops.diagnosis.record import Record
 from massprops.diagnosis.unnamed import from_starts
 from massprops.errors import NotPossible

@@ -14,7 +14,8 @@ from scipy.stats import norm
 from massprops.diagnosis.document import parameters, rate_change
 from massprops.diagnosis.effect_columns import Term
 from massprops.diagnosis.effect_search import BALL, moved_to_best
-from massprops.diagnosis.hypothesis_fit import Hypothesis, fit_hypothesis
+from massprops.diagnosis.hypothesis import Hypothesis
+from massprops.diagnosis.hypothesis_fit import fit_hypothesis
 from massprops.diagnosis.record import record_of_attitudes
 from massprops.diagnosis.scanned_values import with_scanned
 from massprops.effects import effects

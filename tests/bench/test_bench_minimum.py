@@ -14,7 +14,8 @@ import pytest
 from massprops.diagnosis.conserved_start import Start
 from massprops.diagnosis.effect_columns import term_of
 from massprops.diagnosis.effect_search import best_fit, moved_to_best
-from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
+from massprops.diagnosis.hypothesis import Hypothesis
+from massprops.diagnosis.hypothesis_fit import HypothesisFit, fit_hypothesis
 from massprops.diagnosis.record import Record, record_of_attitudes
 from massprops.diagnosis.scanned_values import with_scanned
 from massprops.diagnosis.unnamed import without_effects

@@ -13,7 +13,8 @@ from massprops.diagnosis.candidate import Candidate, Selection, rms
 from massprops.diagnosis.conserved_start import Start
 from massprops.diagnosis.effect_columns import Term
 from massprops.diagnosis.effect_search import best_fit
-from massprops.diagnosis.hypothesis_fit import Hypothesis, fit_hypothesis
+from massprops.diagnosis.hypothesis import Hypothesis
+from massprops.diagnosis.hypothesis_fit import fit_hypothesis
 from massprops.diagnosis.record import record_of_attitudes
 from massprops.diagnosis.search import by_balance
 from massprops.diagnosis.search.by_balance import ByBalance, fits_by_balance

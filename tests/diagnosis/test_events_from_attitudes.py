@@ -16,7 +16,8 @@ from massprops.diagnosis.diagnose import decides, diagnose_by_balance
 from massprops.diagnosis.document import document_of_selection, parameters, rate_change
 from massprops.diagnosis.effect_columns import Term, forcing_of
 from massprops.diagnosis.effect_search import again, best_fit, moved_to_best
-from massprops.diagnosis.hypothesis_fit import PASSES, Hypothesis, HypothesisFit, fit_hypothesis
+from massprops.diagnosis.hypothesis import Hypothesis
+from massprops.diagnosis.hypothesis_fit import PASSES, HypothesisFit, fit_hypothesis
 from massprops.diagnosis.motion_path import path_from_rates
 from massprops.diagnosis.record import record_of_attitudes, record_of_rates
 from massprops.diagnosis.scanned_values import FINER, LARGEST_STEP, _finer, _halfway, with_scanned
@@ -231,7 +232,7 @@ def test_a_kick_goes_with_the_inertia_that_a_pass_reaches() -> None:
     toss = tossed_bodies.drawn(10)
     held = (("duration", toss.lasts), ("parts", 1), ("time", toss.begins))
     h = Hypothesis(terms=(Term(effect=effects()["impulse"], held=held),), latent=False)
-    own = hypothesis_fit._solved(record, h, hypothesis_fit._first_guess(record, h, BALL))
+    own = hypothesis_fit.solved_about(record, h, hypothesis_fit._first_guess(record, h, BALL))
     half, _ = hypothesis_fit._reached(own, 0.5)
     assert half.shape == pytest.approx(own.guess.shape + 0.5 * own.step)
     # solved for anew with that inertia given: no step of it, the same noise and sizes

@@ -9,7 +9,8 @@ from scipy.integrate import solve_ivp
 from massprops.diagnosis.conserved_start import Start
 from massprops.diagnosis.diagnose import contents_of, decides, diagnose_by_balance
 from massprops.diagnosis.effect_columns import Term
-from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
+from massprops.diagnosis.hypothesis import Hypothesis
+from massprops.diagnosis.hypothesis_fit import HypothesisFit, fit_hypothesis
 from massprops.diagnosis.record import record_of_attitudes
 from massprops.dynamics.quaternion import from_rotation_vector, multiply, normalise
 from massprops.effects import effects

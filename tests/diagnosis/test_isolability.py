@@ -16,7 +16,8 @@ from massprops.diagnosis.conserved_start import Start
 from massprops.diagnosis.design import design
 from massprops.diagnosis.effect_columns import Term, forcing_of
 from massprops.diagnosis.evidence import reduced
-from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
+from massprops.diagnosis.hypothesis import Hypothesis
+from massprops.diagnosis.hypothesis_fit import HypothesisFit, fit_hypothesis
 from massprops.diagnosis.isolability import noncentrality, plan
 from massprops.diagnosis.momentum_balance import Balance
 from massprops.diagnosis.sequence_record import record_of_sequence

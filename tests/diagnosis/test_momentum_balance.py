@@ -16,7 +16,8 @@ from massprops.diagnosis.diagnose import diagnose_by_balance
 from massprops.diagnosis.effect_columns import Term, forcing_of, in_balance, is_linear
 from massprops.diagnosis.evidence import Block, solve
 from massprops.diagnosis.held_out import held_out_rms
-from massprops.diagnosis.hypothesis_fit import Hypothesis, fit_hypothesis
+from massprops.diagnosis.hypothesis import Hypothesis
+from massprops.diagnosis.hypothesis_fit import fit_hypothesis
 from massprops.diagnosis.momentum_balance import inertia_of, inertia_slopes, shape_of
 from massprops.diagnosis.motion_path import path_from_rates
 from massprops.diagnosis.record import record_of_rates

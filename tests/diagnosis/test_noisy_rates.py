@@ -8,7 +8,8 @@ import pytest
 from massprops.diagnosis.candidate import within_noise
 from massprops.diagnosis.conserved_start import Start
 from massprops.diagnosis.effect_search import again, best_fit
-from massprops.diagnosis.hypothesis_fit import Hypothesis, fit_hypothesis
+from massprops.diagnosis.hypothesis import Hypothesis
+from massprops.diagnosis.hypothesis_fit import fit_hypothesis
 from massprops.diagnosis.record import Record, record_of_rates
 from massprops.diagnosis.unnamed import without_effects
 from massprops.dynamics.environment import EnvironmentModel

@@ -14,7 +14,8 @@ from massprops.diagnosis.conserved_start import conserved
 from massprops.diagnosis.document import document_of_selection, model_of_selection
 from massprops.diagnosis.effect_columns import Term, looked_at, scan, term_of
 from massprops.diagnosis.effect_search import again, widening
-from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
+from massprops.diagnosis.hypothesis import Hypothesis
+from massprops.diagnosis.hypothesis_fit import HypothesisFit, fit_hypothesis
 from massprops.diagnosis.pair_scan import ANCHORED, FEW, KEPT, LOCAL_MINIMA, least_left, scanned
 from massprops.diagnosis.pairs import pairs
 from massprops.diagnosis.record import Record, record_of_attitudes, record_of_rates

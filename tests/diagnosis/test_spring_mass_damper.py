@@ -9,7 +9,8 @@ from massprops.diagnosis.candidate import Candidate, rms
 from massprops.diagnosis.conserved_start import Start
 from massprops.diagnosis.effect_columns import lookalikes, term_of
 from massprops.diagnosis.effect_search import best_fit
-from massprops.diagnosis.hypothesis_fit import Hypothesis, fit_hypothesis
+from massprops.diagnosis.hypothesis import Hypothesis
+from massprops.diagnosis.hypothesis_fit import fit_hypothesis
 from massprops.diagnosis.record import record_of_attitudes
 from massprops.diagnosis.selection import _begun_again
 from massprops.diagnosis.unnamed import without_effects

@@ -11,7 +11,7 @@ import pytest
 from massprops.diagnosis.diagnose import diagnose_by_balance
 from massprops.diagnosis.document import _in_a_gap
 from massprops.diagnosis.effect_columns import Term
-from massprops.diagnosis.hypothesis_fit import Hypothesis
+from massprops.diagnosis.hypothesis import Hypothesis
 from massprops.diagnosis.motion_path import path_from_rates
 from massprops.effects import effects
 from massprops.errors import NotPossible

@@ -10,7 +10,7 @@ import pytest
 
 from massprops.diagnosis import candidate, criteria, unnamed, verdict
 from massprops.diagnosis.effect_columns import Term
-from massprops.diagnosis.hypothesis_fit import Hypothesis
+from massprops.diagnosis.hypothesis import Hypothesis
 from massprops.effects import effects
 from massprops.errors import NotPossible
 

@@ -11,7 +11,8 @@ from massprops.diagnosis.candidate import Candidate, within_noise
 from massprops.diagnosis.conserved_start import Start
 from massprops.diagnosis.effect_columns import Term, forcing_of
 from massprops.diagnosis.effect_search import again
-from massprops.diagnosis.hypothesis_fit import Hypothesis, fit_hypothesis
+from massprops.diagnosis.hypothesis import Hypothesis
+from massprops.diagnosis.hypothesis_fit import fit_hypothesis
 from massprops.diagnosis.latent_torque import by_direction
 from massprops.diagnosis.motion_path import path_from_rates
 from massprops.diagnosis.record import record_of_attitudes

@@ -7,9 +7,10 @@ import pytest
 
 from massprops.diagnosis.conserved_start import Start
 from massprops.diagnosis.evidence import Block, solve
-from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, along_wheel_axis, fit_hypothesis
+from massprops.diagnosis.hypothesis import Hypothesis
+from massprops.diagnosis.hypothesis_fit import HypothesisFit, fit_hypothesis
 from massprops.diagnosis.record import record_of_attitudes
-from massprops.diagnosis.wheel_moment import with_open_moment
+from massprops.diagnosis.wheel_moment import along_wheel_axis, with_open_moment
 
 WITHIN = 2.5
 """Sigmas."""

@@ -11,7 +11,8 @@ from massprops.diagnosis.conserved_start import Start
 from massprops.diagnosis.document import parameters
 from massprops.diagnosis.effect_columns import term_of
 from massprops.diagnosis.effect_search import best_fit
-from massprops.diagnosis.hypothesis_fit import Hypothesis, fit_hypothesis
+from massprops.diagnosis.hypothesis import Hypothesis
+from massprops.diagnosis.hypothesis_fit import fit_hypothesis
 from massprops.diagnosis.momentum_balance import INERTIA, shape_of
 from massprops.diagnosis.record import Record, record_of_attitudes
 from massprops.diagnosis.scanned_values import with_scanned

@@ -9,7 +9,8 @@ from massprops.diagnosis.candidate import Candidate, rms, within_noise
 from massprops.diagnosis.conserved_start import Start
 from massprops.diagnosis.effect_columns import Term, forcing_of, in_balance, scan
 from massprops.diagnosis.effect_search import again
-from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
+from massprops.diagnosis.hypothesis import Hypothesis
+from massprops.diagnosis.hypothesis_fit import HypothesisFit, fit_hypothesis
 from massprops.diagnosis.momentum_balance import Balance, Rows
 from massprops.diagnosis.motion_path import path_from_rates
 from massprops.diagnosis.record import Record, record_of_attitudes

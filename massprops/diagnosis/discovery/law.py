@@ -32,7 +32,8 @@ from massprops.diagnosis.discovery.regression import (
 )
 from massprops.diagnosis.effect_columns import Term
 from massprops.diagnosis.held_out import fitted_rms, held_out_rms, noise_floor
-from massprops.diagnosis.hypothesis_fit import Hypothesis, HypothesisFit, fit_hypothesis
+from massprops.diagnosis.hypothesis import Hypothesis
+from massprops.diagnosis.hypothesis_fit import HypothesisFit, fit_hypothesis
 from massprops.diagnosis.momentum_balance import Balance, torque_forcing
 from massprops.diagnosis.record import Record
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprops.diagnosis.evidence import Block, solve
-from massprops.diagnosis.hypothesis_fit import TORQUE_KNOTS
+from massprops.diagnosis.hypothesis import TORQUE_KNOTS
 from massprops.diagnosis.latent_torque import factor, hats, matern
 from massprops.diagnosis.search.case import Case
 from massprops.diagnosis.search.refit import Scored
