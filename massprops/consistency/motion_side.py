@@ -52,7 +52,7 @@ def to_mesh_axes(found: Estimate, problem: Problem, frame: Frame, same_footage: 
     if found.body_frame == "attitude0" and same_footage:
         return np.eye(3), "attitude0"
     if found.q is not None and len(frame.stamp_ns):
-        stamps = problem.first_ns + np.round(np.asarray(found.times) * 1e9).astype(np.int64)
+        stamps = problem.stamps(found.times)
         _, at, there = np.intersect1d(stamps, frame.stamp_ns, return_indices=True)
         good = np.isfinite(found.q[at]).all(axis=1)
         at, there = at[good], there[good]

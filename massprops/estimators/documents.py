@@ -83,7 +83,7 @@ COLUMNS = (
 def history_csv(found: Estimate, problem: Problem) -> str:
     """The state history, one row an epoch; columns that the estimator does not give are left out."""
     n = len(found.times)
-    stamps = problem.first_ns + np.round(np.asarray(found.times) * 1e9).astype(np.int64)
+    stamps = problem.stamps(found.times)
     header, parts = ["#timestamp [ns]"], []
     for name, title in COLUMNS:
         values = getattr(found, name)

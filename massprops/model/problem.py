@@ -91,6 +91,10 @@ class Problem:
         """The timestamp from which `times` count [ns]: the sequence's first, before the first of means of rates."""
         return int(self.stamp_ns[0] - np.round(self.times[0] * 1e9))
 
+    def stamps(self, times: np.ndarray) -> np.ndarray:
+        """(n,) int64 timestamps [ns] of times (n,) [s] as `times` counts them."""
+        return self.first_ns + np.round(np.asarray(times) * 1e9).astype(np.int64)
+
     @property
     def seen(self) -> np.ndarray:
         """(n, c, m) True where a feature was measured."""

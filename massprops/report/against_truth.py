@@ -91,7 +91,7 @@ def errors(found: Estimate, problem: Problem, truth: Truth) -> Errors | None:
     """
     if found.q is None or found.w is None or not len(truth.timestamp_ns):
         return None
-    stamps = problem.first_ns + np.round(np.asarray(found.times) * 1e9).astype(np.int64)
+    stamps = problem.stamps(found.times)
     _, at, there = np.intersect1d(stamps, truth.timestamp_ns, return_indices=True)
     finite = np.isfinite(found.q[at]).all(axis=1) & np.isfinite(found.w[at]).all(axis=1)
     at, there = at[finite], there[finite]

@@ -74,8 +74,7 @@ def informative(problem: Problem, setup: Setup) -> np.ndarray:
 
 def _with_epochs(problem: Problem, times: np.ndarray) -> Problem:
     """The problem with epochs at more times [s], at which nothing is measured."""
-    stamp = problem.first_ns + np.round(times * 1e9).astype(np.int64)
-    whole, order = np.unique(np.concatenate([problem.stamp_ns, stamp]), return_index=True)
+    whole, order = np.unique(np.concatenate([problem.stamp_ns, problem.stamps(times)]), return_index=True)
     longer = problem.of_epochs(lambda x: np.concatenate([x, np.full((len(times), *x.shape[1:]), np.nan)])[order])
     return replace(longer, stamp_ns=whole, times=np.concatenate([problem.times, times])[order])
 

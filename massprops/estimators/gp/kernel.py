@@ -61,7 +61,12 @@ def features(t: np.ndarray, orders: np.ndarray, f: np.ndarray) -> np.ndarray:
     Returns:
         (n, 2m - 1): the constant, m - 1 cosines, m - 1 sines.
     """
-    phase = 2.0 * np.pi * np.outer(t, orders[1:] @ f)
+    return waves(t, orders[1:] @ f)
+
+
+def waves(t: np.ndarray, lines: np.ndarray) -> np.ndarray:
+    """(n, 2m + 1) at times (n,) [s]: the constant, then cosines and sines of frequencies (m,) [Hz]."""
+    phase = 2.0 * np.pi * np.outer(t, lines)
     return np.concatenate([np.ones((len(t), 1)), np.cos(phase), np.sin(phase)], axis=1)
 
 

@@ -13,7 +13,7 @@ from itertools import combinations
 
 import numpy as np
 
-from massprops.estimators.gp.kernel import feature_slopes, features, lattice
+from massprops.estimators.gp.kernel import feature_slopes, features, lattice, waves
 
 PAD = 8
 """Zero padding of the transform: a peak is located to a small part of a bin."""
@@ -46,9 +46,9 @@ def spectral_lines(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray
         found.append(float(frequency[np.argmax(power)]))
         lines = _sharpen(t, y, np.array(found))
         found = list(lines)
-        basis = _basis(t, lines)
+        basis = waves(t, lines)
         residual = y - basis @ np.linalg.lstsq(basis, y, rcond=None)[0]
-    basis = _basis(t, np.array(found))
+    basis = waves(t, np.array(found))
     c = np.linalg.lstsq(basis, y, rcond=None)[0]
     m = len(found)
     amplitude = np.sqrt(np.sum(c[1 : m + 1] ** 2 + c[m + 1 :] ** 2, axis=1))
@@ -151,17 +151,12 @@ def _solver(gram: np.ndarray, ridge: np.ndarray) -> Callable[[np.ndarray], np.nd
     return lambda b: cho_solve(factor, b)
 
 
-def _basis(t: np.ndarray, lines: np.ndarray) -> np.ndarray:
-    phase = 2.0 * np.pi * np.outer(t, lines)
-    return np.concatenate([np.ones((len(t), 1)), np.cos(phase), np.sin(phase)], axis=1)
-
-
 def _sharpen(t: np.ndarray, y: np.ndarray, lines: np.ndarray) -> np.ndarray:
     """Gauss-Newton on all lines' frequencies together, amplitudes projected out."""
     limit = 0.3 / (t[-1] - t[0])
     start = lines
     for _ in range(3):
-        basis = _basis(t, lines)
+        basis = waves(t, lines)
         c = np.linalg.lstsq(basis, y, rcond=None)[0]
         e = y - basis @ c
         m = len(lines)
