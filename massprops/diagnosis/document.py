@@ -327,14 +327,19 @@ def _goes_with(fit: HypothesisFit) -> list[dict[str, Any]]:
 
 
 def _corrected(base: HypothesisFit, after: HypothesisFit) -> dict[str, Any]:
+    return corrected((base.inertia, base.rate[0]), (after.inertia, after.rate[0]))
+
+
+def corrected(base: tuple[np.ndarray, np.ndarray], after: tuple[np.ndarray, np.ndarray]) -> dict[str, Any]:
+    """Ratios, rate and axes without the effects and with them, of the inertia (3, 3) and the rate (3,) [rad/s] of each."""
     from massprops.dynamics.inertia import ratios
 
-    (k_base, axes_base), (k_after, axes_after) = ratios(base.inertia), ratios(after.inertia)
+    (k_base, axes_base), (k_after, axes_after) = ratios(base[0]), ratios(after[0])
     cosine = np.clip(np.abs(np.sum(axes_base * axes_after, axis=0)), 0, 1)
     return {
         "k1": {"before": float(k_base[0]), "after": float(k_after[0])},
         "k2": {"before": float(k_base[1]), "after": float(k_after[1])},
-        "rate_rad_s": {"before": base.rate[0].tolist(), "after": after.rate[0].tolist()},
+        "rate_rad_s": {"before": base[1].tolist(), "after": after[1].tolist()},
         "axes_moved_deg": np.degrees(np.arccos(cosine)).tolist(),
     }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -27,10 +28,11 @@ def effects_beside(sequence: Sequence) -> list[ModuleType]:
     out = []
     if sequence.rotor is not None:
         out.append(measured_wheel(sequence.rotor, *_bounds(sequence), sequence.first_ns))
-    corners = _mesh(sequence)
-    if corners is not None:
+    run = None if sequence.folder is None or sequence.attitude is None else sequence.folder.parent
+    mesh = None if run is None else mesh_of_run(run)
+    if mesh is not None:
         known = {"mesh", *EnvironmentModel(sequence.environment).known}
-        given: dict[str, object] = {"faces": rows_of_mesh(corners)}
+        given: dict[str, object] = {"faces": rows_of_mesh(mesh[0][mesh[1]])}
         if sequence.environment.orbit is not None:
             given["orbit_normal"] = np.asarray(sequence.environment.orbit.R_inertial_perifocal)[:, 2].tolist()
         needed = [m for m in effects().values() if "mesh" in m.NEEDS]
@@ -63,11 +65,8 @@ def of_one_wheel(sequences: dict[str, Sequence]) -> dict[str, Sequence]:
     return out
 
 
-def _mesh(sequence: Sequence) -> np.ndarray | None:
-    """(t, 3, 3) triangles of a run's mesh from its centre of mass, in the axes of its attitudes; None where the sequence is of no run."""
-    run = None if sequence.folder is None else sequence.folder.parent
-    if run is None or sequence.attitude is None:
-        return None
+def mesh_of_run(run: Path) -> tuple[np.ndarray, np.ndarray] | None:
+    """Vertices (v, 3) and faces (f, 3) of a run's mesh from its centre of mass, in the axes of its attitudes; None where there is no run."""
     if not (run / "mesh.ply").is_file() or not (run / "massprops.json").is_file():
         return None
     import json
@@ -76,7 +75,7 @@ def _mesh(sequence: Sequence) -> np.ndarray | None:
 
     mesh = trimesh.load(run / "mesh.ply", process=False)
     centre = np.array(json.loads((run / "massprops.json").read_text())["center_of_mass"], float)
-    return np.asarray(mesh.vertices, float)[np.asarray(mesh.faces)] - centre
+    return np.asarray(mesh.vertices, float) - centre, np.asarray(mesh.faces)
 
 
 def _bounds(sequence: Sequence) -> tuple[int, int]:

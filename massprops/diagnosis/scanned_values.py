@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 
 from massprops.diagnosis.criteria import ALIKE, SCALES
-from massprops.diagnosis.effect_columns import steps, term_of
+from massprops.diagnosis.effect_columns import Term, steps, term_of
 from massprops.diagnosis.effect_search import admissible, again
 from massprops.diagnosis.hypothesis_fit import HypothesisFit
 from massprops.diagnosis.record import with_points
@@ -150,12 +150,13 @@ def _told(found: HypothesisFit, places: list[_Place]) -> HypothesisFit | None:
     return _widened(found, places, law)
 
 
-def _lasting(found: HypothesisFit, place: _Place, length: float) -> HypothesisFit | None:
-    """The fit with another length of an event about the same middle; None where that leads nowhere."""
+def _lasting(found: HypothesisFit, which: int, length: float, event: Term | None = None) -> HypothesisFit | None:
+    """The fit with another length of an event, one of its terms, about the same middle, or that of `event`; None where that leads nowhere."""
     terms = list(found.hypothesis.terms)
-    held = dict(terms[place.term].held)
+    event = event or terms[which]
+    held = dict(event.held)
     middle = held["time"] + 0.5 * held["duration"]
-    terms[place.term] = term_of(terms[place.term].effect, held | {"time": middle - 0.5 * length, "duration": length})
+    terms[which] = term_of(event.effect, held | {"time": middle - 0.5 * length, "duration": length})
     return admissible(
         found.record, replace(found.hypothesis, terms=tuple(terms)), again(found), found.hypothesis.latent
     )
@@ -163,7 +164,7 @@ def _lasting(found: HypothesisFit, place: _Place, length: float) -> HypothesisFi
 
 def _may_be_shortest(found: HypothesisFit, place: _Place, gap: float) -> bool:
     """Whether an event may be as short as the path's own steps, so that its length has no normal law."""
-    fit = _lasting(found, place, gap / FINER)
+    fit = _lasting(found, place.term, gap / FINER)
     return fit is not None and fit.evidence > found.evidence - FALLEN
 
 
@@ -174,7 +175,7 @@ def _over_lengths(found: HypothesisFit, summed: list[_Place], gap: float) -> Hyp
     held = {name: dict(own) for name, own in found.held_sd.items()}
     for place in summed:
         name, own = found.hypothesis.terms[place.term].name, dict(found.hypothesis.terms[place.term].held)
-        here, tried = _lasting(found, place, own["duration"]), _by_length(found, place, gap)
+        here, tried = _lasting(found, place.term, own["duration"]), _by_length(found, place, gap)
         if here is None or not tried:
             continue
         weights = np.exp([f.evidence - max(f.evidence for f in tried) for f in tried])
@@ -194,7 +195,7 @@ def _by_length(found: HypothesisFit, place: _Place, gap: float) -> list[Hypothes
     evidence has fallen."""
     out: list[HypothesisFit] = []
     for k in range(MOST_LENGTHS):
-        fit = _lasting(found, place, gap * ((1.0 + 1.0 / FINER) * np.exp(k * LENGTH_STEP) - 1.0))
+        fit = _lasting(found, place.term, gap * ((1.0 + 1.0 / FINER) * np.exp(k * LENGTH_STEP) - 1.0))
         if fit is None or fit.evidence < max([f.evidence for f in out], default=-np.inf) - FALLEN:
             break
         out.append(fit)
@@ -261,10 +262,7 @@ def _of_any_length(found: HypothesisFit, gap: float) -> HypothesisFit:
         if held.get("duration", 0.0) <= 0.0 or held.get("parts", 1) != 1:
             continue
         for length in (n * gap for n in LENGTHS):
-            terms, middle = list(best.hypothesis.terms), held["time"] + 0.5 * held["duration"]
-            terms[k] = term_of(term.effect, held | {"time": middle - 0.5 * length, "duration": length})
-            hypothesis = replace(best.hypothesis, terms=tuple(terms))
-            other = admissible(best.record, hypothesis, again(best), best.hypothesis.latent)
+            other = _lasting(best, k, length, term)
             best = other if other is not None and other.evidence > best.evidence else best
     return best
 

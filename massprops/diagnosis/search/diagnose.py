@@ -11,9 +11,8 @@ import numpy as np
 
 from massprops.core.outputs import Outputs, verify
 from massprops.diagnosis.criteria import SHOWN
-from massprops.diagnosis.document import blind_reason
+from massprops.diagnosis.document import blind_reason, corrected
 from massprops.diagnosis.search.result import Diagnosis
-from massprops.dynamics.inertia import ratios
 from massprops.errors import InputError, NotPossible
 
 if TYPE_CHECKING:
@@ -89,6 +88,7 @@ def diagnose(
 
 def _found(sequence: Sequence, progress: Watch, discover: bool, simulator: str | None) -> Diagnosis | BalanceDiagnosis:
     from massprops.diagnosis.diagnose import decides, diagnose_by_balance
+    from massprops.diagnosis.measured_beside import mesh_of_run
     from massprops.diagnosis.search.noise import with_track_noise
     from massprops.model.problem import problem_of
     from massprops.sensing.check import check_sensors
@@ -105,7 +105,8 @@ def _found(sequence: Sequence, progress: Watch, discover: bool, simulator: str |
     problem = with_track_noise(sequence, problem_of(sequence))
     found = diagnose_problem(problem, progress, run is None or not (run / "run.yaml").is_file())
     if run is not None and found.case.first.body_frame == "attitude0":
-        found = replace(found, surface=_surface(run))
+        mesh = mesh_of_run(run)
+        found = replace(found, surface=None if mesh is None else mesh[0])
     if simulator is not None:
         found.document["simulator"] = _black_box(sequence, simulator, progress)
     if discover:
@@ -152,18 +153,6 @@ def write_found(
     if isinstance(found, Diagnosis):
         return write_diagnosis(out, found, inputs, force)
     return write_contents(out, contents_of(found), inputs, force)
-
-
-def _surface(run: Path) -> np.ndarray | None:
-    """(s, 3) corners of a run's mesh from its centre of mass; None where there is no run."""
-    if not (run / "mesh.ply").is_file() or not (run / "massprops.json").is_file():
-        return None
-    import json
-
-    import trimesh
-
-    corners = np.asarray(trimesh.load(run / "mesh.ply", process=False).vertices, float)
-    return corners - np.array(json.loads((run / "massprops.json").read_text())["center_of_mass"], float)
 
 
 def diagnose_problem(
@@ -396,15 +385,7 @@ def whole_inertia(s: Scored) -> np.ndarray:
 
 
 def _corrected(base: Scored, after: Scored) -> dict[str, Any]:
-    """Ratios, rate and axes with and without the effects."""
-    (k_base, axes_base), (k_after, axes_after) = ratios(whole_inertia(base)), ratios(whole_inertia(after))
-    cosine = np.clip(np.abs(np.sum(axes_base * axes_after, axis=0)), 0, 1)
-    return {
-        "k1": {"before": float(k_base[0]), "after": float(k_after[0])},
-        "k2": {"before": float(k_base[1]), "after": float(k_after[1])},
-        "rate_rad_s": {"before": base.fit.state.w0.tolist(), "after": after.fit.state.w0.tolist()},
-        "axes_moved_deg": np.degrees(np.arccos(cosine)).tolist(),
-    }
+    return corrected(*((whole_inertia(s), s.fit.state.w0) for s in (base, after)))
 
 
 def _entries(model: Scored, s: Selection) -> list[dict[str, Any]]:
