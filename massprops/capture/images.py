@@ -229,21 +229,19 @@ def orientation(path: Path) -> int:
 
 def turn(image: np.ndarray, orientation: int) -> np.ndarray:
     """The image as shown, from its pixels as stored and its EXIF orientation 1 to 8."""
-    if orientation in (2, 4):
-        image = image[:, ::-1]
-    elif orientation in (5, 7):
-        image = image[::-1]
-    return np.ascontiguousarray(np.rot90(image, -QUARTER_TURNS[orientation]))
+    return np.ascontiguousarray(np.rot90(_mirrored(image, orientation), -QUARTER_TURNS[orientation]))
 
 
 def turned_back(image: np.ndarray, orientation: int) -> np.ndarray:
     """The pixels as stored, from the image as shown: undoes `turn`."""
-    image = np.rot90(image, QUARTER_TURNS[orientation])
+    return np.ascontiguousarray(_mirrored(np.rot90(image, QUARTER_TURNS[orientation]), orientation))
+
+
+def _mirrored(image: np.ndarray, orientation: int) -> np.ndarray:
+    """The image mirrored where an orientation says so, which undoes itself."""
     if orientation in (2, 4):
-        image = image[:, ::-1]
-    elif orientation in (5, 7):
-        image = image[::-1]
-    return np.ascontiguousarray(image)
+        return image[:, ::-1]
+    return image[::-1] if orientation in (5, 7) else image
 
 
 def reduce(image: np.ndarray, longest: int | None) -> np.ndarray:

@@ -69,10 +69,8 @@ def spare_behind_light(views: Views, masks: list[np.ndarray], grey: list[np.ndar
     Returns:
         the silhouettes as they are where the brightness does not tell the Sun's direction.
     """
-    camera = np.unique([name.rpartition("/")[0] for name in views.names], return_inverse=True)[1]
     out = list(masks)
-    for c in range(camera.max(initial=-1) + 1):
-        own = np.flatnonzero(camera == c)
+    for own in _of_each_camera(views):
         towards = brighter([masks[i] for i in own], [grey[i] for i in own])
         if towards is None:
             return masks
@@ -80,6 +78,12 @@ def spare_behind_light(views: Views, masks: list[np.ndarray], grey: list[np.ndar
             behind = _behind_any(masks[i] == 255, towards)
             out[i] = np.where((masks[i] == 0) & behind, np.uint8(128), masks[i])
     return out
+
+
+def _of_each_camera(views: Views) -> list[np.ndarray]:
+    """The places of each camera's views."""
+    folder = np.array([name.rpartition("/")[0] for name in views.names])
+    return [np.flatnonzero(folder == own) for own in np.unique(folder)]
 
 
 def brighter(masks: list[np.ndarray], grey: list[np.ndarray]) -> np.ndarray | None:
@@ -116,10 +120,8 @@ def _behind_any(lit: np.ndarray, towards: np.ndarray) -> np.ndarray:
 
 def _sun_of_views(views: Views, grey: list[np.ndarray], cloud: Cloud, seed: int) -> np.ndarray | None:
     """(n, 3) direction to the Sun in each view's camera, which stands still; None where one's brightness does not say."""
-    camera = np.unique([name.rpartition("/")[0] for name in views.names], return_inverse=True)[1]
     out = np.zeros((len(views), 3))
-    for c in range(camera.max(initial=-1) + 1):
-        own = np.flatnonzero(camera == c)
+    for own in _of_each_camera(views):
         number = np.full(len(views), -1)
         number[own] = np.arange(len(own))
         sun = sun_direction(views.take(own), [grey[i] for i in own], cloud.of_views(number), seed)
