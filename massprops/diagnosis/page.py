@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from massprops.diagnosis.hypothesis_fit import torque_sd
-from massprops.diagnosis.page_parts import GAP, WITHIN, law, not_tried, notes, residuals, simulator, verdict, wheel
+from massprops.diagnosis.page_parts import GAP, law, not_tried, notes, residuals, simulator, torque_plot, verdict, wheel
 from massprops.report.html import number, table, text
 from massprops.report.page import of_sections
-from massprops.report.plot import plot
 
 if TYPE_CHECKING:
     from massprops.diagnosis.diagnose import BalanceDiagnosis
@@ -135,15 +134,12 @@ def _torque(d: BalanceDiagnosis) -> str:
     s = d.selection
     if s.verdict == "none":
         return ""
-    fit, t = s.with_torque, s.with_torque.record.path.t
+    fit = s.with_torque
     beside = f"beside {s.named[0].name}" if fit.names else "beside a rigid body alone"
-    sd = WITHIN * torque_sd(fit)
-    series = [(a, t, fit.torque[:, k]) for k, a in enumerate("xyz")]
-    bands = [(t, fit.torque[:, k] - sd[:, k], fit.torque[:, k] + sd[:, k]) for k in range(3)]
     alike = [(c["with"].replace(" by ", " with "), number(c["r"], 2)) for c in d.document["latent"]["correlates"]]
     return (
         f"<p>The smooth torque that explains best what is left, body axes, over the mean moment, {text(beside)}. "
         "Grey: 90 % intervals.</p>"
-        + plot(series, "time [s]", "torque [rad/s²]", bands=bands)
+        + torque_plot(fit.record.path.t, fit.torque, torque_sd(fit))
         + (table(alike, ("goes along with", "correlation")) if alike else "")
     )

@@ -167,6 +167,14 @@ def wheel(times: np.ndarray, momentum: np.ndarray, sigma: np.ndarray | None = No
     return plot([("along its axis", times, momentum)], "time [s]", label, bands=bands) + note
 
 
+def torque_plot(times: np.ndarray, torque: np.ndarray, sigma: np.ndarray) -> str:
+    """An unknown torque (n, 3) in body axes over times (n,), with bands of 1.645 sigma (n, 3) where these are known."""
+    series = [(a, times, torque[:, k]) for k, a in enumerate("xyz")]
+    low, high = torque - WITHIN * sigma, torque + WITHIN * sigma
+    bands = [(times, low[:, k], high[:, k]) for k in range(3)] if np.isfinite(sigma).all() else []
+    return plot(series, "time [s]", "torque [rad/s²]", bands=bands)
+
+
 def not_tried(doc: dict[str, Any]) -> str:
     skipped = "".join(f"<li>{text(n)}: {text(why)}</li>" for n, why in doc["skipped"].items())
     return f"<p>Not tried, for want of data:</p><ul>{skipped}</ul>" if skipped else ""

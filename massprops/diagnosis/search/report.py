@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from massprops.diagnosis.page_parts import GAP, WITHIN, law, not_tried, notes, simulator, verdict, wheel
+from massprops.diagnosis.page_parts import GAP, law, not_tried, notes, simulator, torque_plot, verdict, wheel
 from massprops.diagnosis.page_parts import residuals as over_time
 from massprops.diagnosis.search.body_picture import body_picture
 from massprops.diagnosis.search.result import Diagnosis
@@ -241,15 +241,12 @@ def _torque(d: Diagnosis) -> str:
     if d.torque is None:
         return ""
     t = d.torque
-    series = [(a, t["times"], t["torque"][:, i]) for i, a in enumerate("xyz")]
-    low, high = t["torque"] - WITHIN * t["sigma"], t["torque"] + WITHIN * t["sigma"]
-    bands = [(t["times"], low[:, i], high[:, i]) for i in range(3)] if np.isfinite(t["sigma"]).all() else []
     period = "no single period" if t["period_s"] is None else f"a period of {number(t['period_s'], 3)} s"
     frame = "fixed neither in the body nor in space" if t["frame"] == "neither" else f"fixed in the {t['frame']}"
     rows = [(n, number(c["along"], 2), number(c["power_along"], 2)) for n, c in t["correlations"].items()]
     return (
         f"<p>Body torque over the mean moment that takes the residual from {number(t['before'], 3)} to {number(t['after'], 3)}: "
-        f"{frame}, {period}.{' Grey: 90 % intervals.' if bands else ''}</p>"
-        + plot(series, "time [s]", "torque [rad/s²]", bands=bands)
+        f"{frame}, {period}.{' Grey: 90 % intervals.' if np.isfinite(t['sigma']).all() else ''}</p>"
+        + torque_plot(t["times"], t["torque"], t["sigma"])
         + table(rows, ("direction", "correlation along", "share of power along"))
     )
