@@ -144,12 +144,10 @@ class Centre:
 
     Attributes:
         place: (3,) in the mesh's axes and units; covariance: (3, 3).
-        residual: root mean square distance from the straight path, in the mesh's units.
     """
 
     place: np.ndarray
     covariance: np.ndarray
-    residual: float
 
 
 def centre_of_motion(stamp_ns: np.ndarray, R: np.ndarray, t: np.ndarray, size: float = 0.0) -> Centre | None:
@@ -185,7 +183,7 @@ def centre_of_motion(stamp_ns: np.ndarray, R: np.ndarray, t: np.ndarray, size: f
     growth = float(np.max((1 + alike) / (1 - alike)))
     J = (A * np.sqrt(weight)[..., None]).reshape(-1, 9)
     known = np.linalg.inv(J.T @ J) * growth * 3 * n / (3 * n - 9)
-    return Centre(x[:3], known[:3, :3] + floor * np.eye(3), float(np.sqrt(np.mean(np.sum(residual**2, axis=1)))))
+    return Centre(x[:3], known[:3, :3] + floor * np.eye(3))
 
 
 def _ar1(x: np.ndarray) -> float:

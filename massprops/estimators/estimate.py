@@ -195,7 +195,6 @@ class _Bench:
         from massprops.estimators.attitude_noise import believed
         from massprops.estimators.filters.begin import early_start
         from massprops.estimators.known_wheel import model_of_wheel
-        from massprops.estimators.result import Prior
         from massprops.estimators.start import first_guess
 
         try:
@@ -212,7 +211,7 @@ class _Bench:
             if _still(self.problem):
                 return _NoStart("all attitudes are the same: the body does not turn")
             return _NoStart(f"its arithmetic broke down ({type(error).__name__}: {excerpt(error)})")
-        return replace(whole, early=early_start(self.problem, Prior(), whole)) if early else whole
+        return replace(whole, early=early_start(self.problem, whole)) if early else whole
 
     def run(self, method: ModuleType, prior: Prior | None, start: Any) -> Estimate:
         """One estimate, checked.

@@ -101,7 +101,7 @@ def join_pieces(
         # at first as they are: with another focal length than its own a piece fits badly
         mapping = given.found.mapping
         adjust(pieces, not mapping.fixed_intrinsics, False, 1.0, mapping.threads, 40, mapping.constant)
-        _adjust(pieces, given, 2)
+        _adjust(pieces, given)
         joined = _joined(pieces, ids, given)
     except NotPossible:
         return model
@@ -120,14 +120,14 @@ def _owners(models: Sequence[pycolmap.Reconstruction]) -> list[tuple[pycolmap.Re
     return out
 
 
-def _adjust(model: pycolmap.Reconstruction, given: ModelInputs, rounds: int) -> None:
+def _adjust(model: pycolmap.Reconstruction, given: ModelInputs) -> None:
     """Adjusts all pieces, in place, with the one camera that took them.
 
     Raises:
         NotPossible: too little is left.
     """
     mapping = given.found.mapping
-    for _ in range(rounds):
+    for _ in range(2):
         loss = remove_outliers(model, given.options.refine, 2.0)
         adjust(model, not mapping.fixed_intrinsics, False, loss, mapping.threads, 40, mapping.constant)
     remove_outliers(model, given.options.refine, 2.0)
@@ -213,7 +213,7 @@ def _joined(
     if len(inside) < 2:
         return None
     whole = assemble([Part(model, ids[k], to[k]) for k in inside], _numbered(sightings, inside))
-    _adjust(whole, given, 2)
+    _adjust(whole, given)
     return _looked_again(whole, [ids[k] for k in inside], look, given)
 
 
@@ -279,7 +279,7 @@ def _looked_again(
         sightings += _sightings(laid, candidates.take(near))
     together = Part(split, frozenset[int]().union(*present), STAYS)
     joined = assemble([together], [s._replace(part=0) for s in _once(sightings)])
-    _adjust(joined, given, 2)
+    _adjust(joined, given)
     return joined if _tied(joined, present) else None
 
 

@@ -58,11 +58,6 @@ class Sound:
     far: int
     parallel: int
 
-    @property
-    def whole(self) -> bool:
-        """Whether every view is left."""
-        return bool(self.views.all())
-
 
 def sound(views: Views, points: SparsePoints, given_focal: bool = False, given_poses: bool = False) -> Sound:
     """Which views and observations can be computed with.

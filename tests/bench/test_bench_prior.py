@@ -83,7 +83,7 @@ def test_what_a_prior_is_worth_to_the_filters(tmp_path: Path) -> None:
         end = float(problem.times[-1])
         whole = first_guess(problem)
         starts = {kind: first_guess(problem, until_s=s) for kind, s in WITHOUT.items() if s is not None}
-        starts["none, 2 turns"] = early_start(problem, Prior(), whole)
+        starts["none, 2 turns"] = early_start(problem, whole)
         soon = first_guess(problem, until_s=1.0)
         reference = smoother.estimate(problem, Prior(), whole)
         for kind, start in starts.items():

@@ -255,7 +255,7 @@ def test_tumble_and_flat_spin_are_told_apart() -> None:
 )
 def test_centre_of_mass_contradicts_without_the_ratios_but_confirms_nothing(tmp_path, off, tumble, said) -> None:
     mesh = read_mesh_side(make_run(tmp_path / "run", TRUE_K))
-    centre = Centre(mesh.centre + [off, 0.0, 0.0], 1e-4 * np.eye(3), 0.01)
+    centre = Centre(mesh.centre + [off, 0.0, 0.0], 1e-4 * np.eye(3))
     found = decide([], mesh, centre, tumble, {})
     assert found.verdict == said
     if said == "inconsistent":

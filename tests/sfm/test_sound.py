@@ -156,7 +156,7 @@ def test_an_import_gives_finite_answers_or_says_why_not(kind, tmp_path):
 def test_only_what_is_degenerate_is_taken_out():
     views, points = scene.make(8, 60, noise=0.2)
     whole = sound(views, points)
-    assert whole.whole and whole.observations.all()
+    assert whole.views.all() and whole.observations.all()
     xyz, t = points.xyz.copy(), views.t.copy()
     xyz[:5] *= 1e7
     t[2] = [0, 0, 1e6]
@@ -174,7 +174,7 @@ def test_a_point_within_a_camera_is_none() -> None:
     seen = points.obs_point == 0
     uv[seen] = project_camera(views.K, views.distortion, camera)[points.obs_view[seen]]
     found = sound(views, replace(points, xyz=xyz, obs_uv=uv), given_focal=True, given_poses=True)
-    assert found.whole and not found.observations[seen & (points.obs_view == 0)].any()
+    assert found.views.all() and not found.observations[seen & (points.obs_view == 0)].any()
 
 
 @pytest.mark.parametrize(

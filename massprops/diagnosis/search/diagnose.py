@@ -174,7 +174,7 @@ def diagnose_problem(
     progress("first guess", 0, 1)
     case, base = _begin(case_of, refit, problem, progress, own_attitudes)
     case, base = without_outlier_features(case, base)
-    blind = _blind(case, base)
+    blind = _blind(case)
     if blind:
         selection = Selection(base, best=base)
     else:
@@ -193,7 +193,7 @@ def diagnose_problem(
     if blind:
         document["reason"] = blind
     best = selection.best if selection.best is not None else base
-    return Diagnosis(document, _model(case, base, best), case, selection, torque, history)
+    return Diagnosis(document, _model(base, best), case, selection, torque, history)
 
 
 def _begin(
@@ -301,12 +301,10 @@ def _judged(case: Case, base: Scored, assumed: np.ndarray) -> tuple[Scored, bool
     return replace(held, bic=base.bic), True
 
 
-def _blind(case: Case, base: Scored) -> str:
+def _blind(case: Case) -> str:
     """Why this record can show no missing effect at all; empty when it can."""
     turned = case.speed * case.span
-    if turned < MOST_HIDDEN_TURN:
-        return blind_reason(turned)
-    return ""
+    return blind_reason(turned) if turned < MOST_HIDDEN_TURN else ""
 
 
 MOST_HIDDEN_TURN = 0.5
@@ -467,7 +465,7 @@ def _separates(case: Case, names: list[str]) -> str:
     return "A longer record or a second sensor (range, body rates) would separate them."
 
 
-def _model(case: Case, base: Scored, best: Scored) -> dict[str, Any]:
+def _model(base: Scored, best: Scored) -> dict[str, Any]:
     from massprops.model import document_of
 
     state = best.fit.state

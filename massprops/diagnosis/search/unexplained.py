@@ -15,7 +15,6 @@ from massprops.dynamics.quaternion import rotate, rotation_matrix
 from massprops.effects import Parameter
 from massprops.estimators.batch.solve import InertiaPrior, Search, covariance_of, fit
 from massprops.model import Model
-from massprops.model.state import BatchState
 
 MOST_KNOTS = 32
 FEWEST_KNOTS = 4
@@ -77,13 +76,11 @@ def recovered_torque(case: Case, base: Scored) -> dict[str, Any]:
         "sigma": sigma,
         "before": base.fitted,
         "after": float(np.sqrt(mean_square(found.residuals))),
-        **_character(case, found.state, found.predicted.q, found.predicted.motion.w, knots, torque),
+        **_character(case, found.predicted.q, found.predicted.motion.w, knots, torque),
     }
 
 
-def _character(
-    case: Case, state: BatchState, q: np.ndarray, w: np.ndarray, knots: np.ndarray, torque: np.ndarray
-) -> dict[str, Any]:
+def _character(case: Case, q: np.ndarray, w: np.ndarray, knots: np.ndarray, torque: np.ndarray) -> dict[str, Any]:
     at = np.clip(np.searchsorted(case.problem.times, knots), 0, len(q) - 1)
     q, w = q[at], w[at]
     space = rotate(q, torque)

@@ -23,7 +23,7 @@ FIRST_TURNS, FIRST_EPOCHS = 2.0, 40
 """The first guess is made from the data of so many turns and epochs."""
 
 
-def early_start(problem: Problem, prior: Prior, given: Any) -> Any:
+def early_start(problem: Problem, given: Any) -> Any:
     """The first guess from the first part of the data only; the given one where that part does not show enough."""
     from massprops.estimators.start import first_guess
 

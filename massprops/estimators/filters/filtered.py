@@ -19,5 +19,5 @@ def filtered(name: str, problem: Problem, prior: Prior, start: Any, settings: Se
     Raises:
         NotPossible: the first guess found no rotation or no inertia.
     """
-    ready = setup(problem, prior, early_start(problem, prior, start))
+    ready = setup(problem, prior, early_start(problem, start))
     return estimate_of(name, problem, ready, run_through(problem, ready, settings))

@@ -201,7 +201,7 @@ def _turning(
         P = _limited(WIDER**2 * G @ fit.covariance @ G.T, widest)
     else:
         rotation = start.covariance[row] if fit is None else fit.covariance[:6, :6]
-        P[np.arange(6), np.arange(6)] = _rotation_variances(rotation, problem, start)
+        P[np.arange(6), np.arange(6)] = _rotation_variances(rotation, start)
         P[6:, 6:] = widest
         if prior.inertia is not None:
             P[6:, 6:] = _prior_covariance(prior, numbers)
@@ -220,7 +220,7 @@ def _limited(P: np.ndarray, widest: np.ndarray) -> np.ndarray:
     return 0.5 * (less + less.T)
 
 
-def _rotation_variances(covariance: np.ndarray, problem: Problem, start: Any) -> np.ndarray:
+def _rotation_variances(covariance: np.ndarray, start: Any) -> np.ndarray:
     """(6,) of rates and attitude to start with, from the covariance of attitude and rates (6, 6)."""
     spread = WIDER * np.sqrt(np.maximum(np.diag(covariance), 0.0))
     attitude = 1e-6 if start.poses is None else max(spread[:3].max(), 1e-6)

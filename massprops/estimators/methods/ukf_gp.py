@@ -34,7 +34,7 @@ def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
     from massprops.estimators.filters.outcome import estimate_of
     from massprops.estimators.filters.setup import measurements, setup
 
-    ready = setup(problem, prior, early_start(problem, prior, start))
+    ready = setup(problem, prior, early_start(problem, start))
     longer, gaps = with_gap_epochs(problem, ready)
     if not gaps:
         passage = run_through(problem, ready, Settings())
