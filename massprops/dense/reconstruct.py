@@ -19,6 +19,7 @@ from massprops.dense.select import Sparse, seen_points, select_views
 from massprops.errors import NotPossible
 from massprops.geometry.facing import facing_points
 from massprops.geometry.projection import intrinsics, on_pixels, project
+from massprops.geometry.vectors import angles_deg
 from massprops.views import Views
 
 MOST_PIXELS = 40_000
@@ -285,8 +286,7 @@ def _map(
 
 def _partners(sight: np.ndarray, whole: np.ndarray) -> list[np.ndarray]:
     """Per map, the maps that may confirm it; sight (r, 3) from the object to the cameras, whole (r,) bool."""
-    sight = sight / np.linalg.norm(sight, axis=1, keepdims=True)
-    angle = np.degrees(np.arccos(np.clip(sight @ sight.T, -1, 1)))
+    angle = angles_deg(sight)
     out = []
     for n in range(len(sight)):
         both: list[int] = []

@@ -7,6 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
+from massprops.geometry.vectors import angles_deg
 from massprops.views import Views
 
 MOST_REFERENCES = 40
@@ -72,9 +73,7 @@ def select_views(views: Views, sparse: Sparse, most: int = 0) -> Selection:
     n = len(views)
     common = shared_points(n, sparse.obs_view, sparse.obs_point)
     centre = np.median(sparse.xyz, axis=0)
-    sight = views.centres - centre
-    sight /= np.linalg.norm(sight, axis=1, keepdims=True)
-    angle = np.degrees(np.arccos(np.clip(sight @ sight.T, -1, 1)))
+    angle = angles_deg(views.centres - centre)
     sources = [_sources(i, common[i], angle) for i in range(n)]
     able = np.array([len(s) >= 2 for s in sources])
     chosen = _spread(angle, able, most or MOST_REFERENCES + MOST_FURTHER)

@@ -24,6 +24,12 @@ def turn_deg(A: np.ndarray, B: np.ndarray) -> float:
     return float(np.degrees(np.arccos(np.clip((np.trace(A.T @ B) - 1) / 2, -1, 1))))
 
 
+def angles_deg(v: np.ndarray) -> np.ndarray:
+    """(n, n) angles between the directions of vectors (n, 3) [deg]."""
+    sight = unit(v)
+    return np.degrees(np.arccos(np.clip(sight @ sight.T, -1, 1)))
+
+
 def sphere(count: int) -> np.ndarray:
     """(count, 3) directions spread evenly over the sphere (Fibonacci's spiral)."""
     i = np.arange(count) + 0.5

@@ -9,6 +9,7 @@ import numpy as np
 
 from massprops.dynamics.quaternion import rotation_matrix
 from massprops.errors import InputError
+from massprops.geometry.vectors import unit
 from massprops.simulation.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -193,9 +194,7 @@ class Renderer:
             return self.normals[face]
         corner = self.normals[np.asarray(self.mesh.faces)[face]]
         weight = np.column_stack([1 - uv.sum(axis=1), uv])
-        n: np.ndarray = np.einsum("nk,nki->ni", weight, corner)
-        n /= np.linalg.norm(n, axis=1, keepdims=True)
-        return n
+        return unit(np.einsum("nk,nki->ni", weight, corner))
 
 
 LATTICE = 48

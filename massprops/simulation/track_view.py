@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from massprops.errors import NotPossible
+from massprops.geometry.vectors import unit
 from massprops.model.linearise import Predicted, body_points
 from massprops.model.measurements import Measurements
 from massprops.model.problem import Problem
@@ -66,10 +67,7 @@ def visible(s: TrackScenario, problem: Problem, at: Predicted) -> Measurements:
         every = replace(every, seen=replace(every.seen, row=np.clip(uv[:, 1] / s.size[1] - 0.5, -1.0, 1.0)))
     keep = (uv >= 0).all(axis=1) & (uv[:, 0] < s.size[0]) & (uv[:, 1] < s.size[1]) & (X[:, 2] > 0.1)
     if s.hide_back:
-        outward = X - at.motion.r[i]
-        outward /= np.linalg.norm(outward, axis=1, keepdims=True)
-        sight = X / np.linalg.norm(X, axis=1, keepdims=True)
-        keep &= np.sum(outward * sight, axis=1) < 0.15
+        keep &= np.sum(unit(X - at.motion.r[i]) * unit(X), axis=1) < 0.15
     if keep.sum() < 0.02 * len(keep):
         raise NotPossible("the body is hardly ever in view: bring it nearer, or slow its drift")
     seen = Seen(i[keep], k[keep], j[keep], every.seen.row[keep])

@@ -216,8 +216,7 @@ def project_to_cloud(
         index = np.where(found, index, 0)
         n = normal[part]
         helper = np.where(np.abs(n[:, :1]) < 0.7, [[1.0, 0, 0]], [[0, 1.0, 0]])
-        u = np.cross(n, helper)
-        u /= np.linalg.norm(u, axis=1, keepdims=True)
+        u = unit(np.cross(n, helper))
         v = np.cross(n, u)
         step = cloud.xyz[index] - xyz[part][:, None]
         facing = np.einsum("mki,mi->mk", cloud.normal[index], n)
@@ -239,7 +238,6 @@ def project_to_cloud(
         shift = np.where(enough, np.clip(offset[:, 0], -limit, limit), 0.0)
         moved[part] = xyz[part] + shift[:, None] * n
         slope = np.clip(offset[:, 1:] / radius, -1, 1) * enough[:, None]
-        new = n - slope[:, :1] * u - slope[:, 1:] * v
-        turned[part] = new / np.linalg.norm(new, axis=1, keepdims=True)
+        turned[part] = unit(n - slope[:, :1] * u - slope[:, 1:] * v)
         support[part] = good.sum(1)
     return moved, turned, support

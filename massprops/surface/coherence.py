@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 
 from massprops.core.levenberg_marquardt import Damping, descend
+from massprops.geometry import vectors
 from massprops.surface.silhouette import Hull
 from massprops.views import Views
 
@@ -270,8 +271,7 @@ def rim_rays(
         if not len(rim):
             continue
         pixel = rim[np.sort(rng.permutation(len(rim))[:each])]
-        ray = np.column_stack([pixel, np.ones(len(pixel))]) @ np.linalg.inv(views.K[i]).T @ views.R[i]
-        ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+        ray = vectors.unit(np.column_stack([pixel, np.ones(len(pixel))]) @ np.linalg.inv(views.K[i]).T @ views.R[i])
         depth = float(np.linalg.norm(middle - views.centres[i])) + np.linspace(-radius, radius, STEPS)
         xyz = views.centres[i] + depth[None, :, None] * ray[:, None, :]
         inside = (own.at(xyz.reshape(-1, 3)) < touches).reshape(xyz.shape[:2])

@@ -9,6 +9,7 @@ import numpy as np
 from massprops.core.progress import Progress, silent
 from massprops.errors import NotPossible
 from massprops.geometry.projection import pixels_of
+from massprops.geometry.vectors import unit
 from massprops.surface.cloud import Cloud
 from massprops.surface.level_set import level_set
 from massprops.surface.reconstruct import Surface, on_support
@@ -223,8 +224,7 @@ def ball_of_outlines(views: Views, masks: list[np.ndarray]) -> tuple[np.ndarray,
     places = [np.argwhere(masks[i] == 255)[:, ::-1].astype(float) for i in shown]
     part = views.take(np.array(shown))
     ray = np.stack([np.linalg.solve(K, [*p.mean(0), 1.0]) for K, p in zip(part.K, places, strict=True)])
-    ray = np.einsum("nji,nj->ni", part.R, ray)
-    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+    ray = unit(np.einsum("nji,nj->ni", part.R, ray))
     across = np.eye(3) - ray[:, :, None] * ray[:, None, :]
     if np.linalg.cond(across.sum(0)) > 1e6:
         raise NotPossible("surface: the images look at the body from one side only, which bounds no body")

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 from massprops.geometry.interpolation import peak
 from massprops.geometry.projection import camera_rows
 from massprops.geometry.rasterise import rasterise
+from massprops.geometry.vectors import unit
 from massprops.surface.cloud import Cloud
 from massprops.surface.reconstruct import Surface
 from massprops.surface.refine import edge_length, mean_matrix, vertex_normals
@@ -194,10 +195,8 @@ def _windows(mesh: tuple[np.ndarray, np.ndarray], chosen: np.ndarray, pixel: flo
     index = np.minimum(index, len(vertices) - 1)
     use = np.isfinite(near) & (np.einsum("nki,ni->nk", normals[index], normal) > 0.3)
     weight = use * _areas(mesh)[index]
-    normal = np.einsum("nk,nki->ni", weight, normals[index]) + 1e-9 * normal
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    across = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal), axis=1)])
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    normal = unit(np.einsum("nk,nki->ni", weight, normals[index]) + 1e-9 * normal)
+    across = unit(np.cross(normal, np.eye(3)[np.argmin(np.abs(normal), axis=1)]))
     down = np.cross(normal, across)
     away = (vertices[index] - place[:, None]) / pixel
     u, v, h = (np.einsum("nki,ni->nk", away, axis) for axis in (across, down, normal))

@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 
 from massprops.geometry.projection import pixels_of
+from massprops.geometry.vectors import unit
 from massprops.surface.cloud import Cloud
 from massprops.views import Views
 
@@ -299,8 +300,7 @@ def hull_points(
     """
     rng = np.random.default_rng([seed, 12])
     begin = np.repeat(start - 0.2 * spacing * normal, rays, axis=0)
-    direction = rng.standard_normal((len(begin), 3))
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    direction = unit(rng.standard_normal((len(begin), 3)))
     outward = np.repeat(normal, rays, axis=0)
     along = np.einsum("ij,ij->i", direction, outward)
     direction -= np.where(along > 0.25, 2 * along, 0.0)[:, None] * outward

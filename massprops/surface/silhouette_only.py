@@ -14,6 +14,7 @@ import numpy as np
 
 from massprops.geometry.projection import pixels_of
 from massprops.geometry.rasterise import silhouette
+from massprops.geometry.vectors import unit
 from massprops.surface.silhouette import FEWEST_AGREE, Hull, exit_points
 from massprops.views import Views
 
@@ -95,8 +96,7 @@ def silhouette_only_space(
         return None
     rng = np.random.default_rng([seed, 14])
     xyz = xyz[np.sort(rng.permutation(len(xyz))[:MOST])]
-    direction = rng.standard_normal((len(xyz) * DIRECTIONS, 3))
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    direction = unit(rng.standard_normal((len(xyz) * DIRECTIONS, 3)))
     begin = np.repeat(xyz, DIRECTIONS, axis=0)
     outline = exit_points(hull, begin, direction, 0.3 * spacing, reach)
     outline = outline[_views_showing(views, maps, outline) > 0]
@@ -184,8 +184,7 @@ def _thickness(found: SilhouetteOnly, hull: Hull, xyz: np.ndarray, spacing: floa
     chosen = np.unique(np.linspace(0, len(found.views) - 1, CHORDS).astype(int))
     reach, lengths = 40.0 * spacing, []
     for i in chosen:
-        ray = xyz - found.views.centres[i]
-        ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+        ray = unit(xyz - found.views.centres[i])
         ends = [
             np.linalg.norm(exit_points(hull, xyz, s * ray, 0.3 * spacing, reach, missed=True) - xyz, axis=1)
             for s in (1, -1)

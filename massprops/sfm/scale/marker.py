@@ -8,6 +8,7 @@ import numpy as np
 
 from massprops.core.robust import mad_sigma
 from massprops.errors import InputError
+from massprops.geometry.vectors import unit
 from massprops.sfm.marker_corners import refine
 from massprops.sfm.scale.base import ScaleEstimate, ScaleInputs
 from massprops.views import Views
@@ -103,8 +104,7 @@ def triangulate(views: Views, index: list[int], uv: np.ndarray) -> tuple[np.ndar
         if np.sum(error <= bound) < 2:
             break
         keep = error <= bound
-    d = views.centres[index][keep] - X
-    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    d = unit(views.centres[index][keep] - X)
     angle = float(np.rad2deg(np.arccos(np.clip((d @ d.T).min(), -1, 1))))
     return X, float(error[keep].mean()), angle
 
