@@ -1,4 +1,4 @@
-"""Spread of numbers among which some are wrong: the median absolute deviation (Hampel 1974)."""
+"""Spread of numbers: their root mean square, and of numbers among which some are wrong the median absolute deviation (Hampel 1974)."""
 
 from __future__ import annotations
 
@@ -6,6 +6,11 @@ import numpy as np
 
 MAD_TO_SIGMA = 1.4826
 """Standard deviation of a normal variable over its median absolute deviation."""
+
+
+def rms(values: np.ndarray) -> float:
+    """Root mean square of numbers of any shape."""
+    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def mad_sigma(deviation: np.ndarray) -> float:

@@ -8,6 +8,7 @@ from types import ModuleType
 
 import numpy as np
 
+from massprops.core.robust import rms
 from massprops.diagnosis import criteria
 from massprops.diagnosis.effect_columns import looked_at
 from massprops.diagnosis.held_out import noise_floor
@@ -113,7 +114,3 @@ def paid(fit: HypothesisFit) -> float:
 def within_noise(base: HypothesisFit) -> bool:
     """Whether a free rigid body leaves no more than the stated noise."""
     return bool(rms(base.residual) < 1.0 + criteria.SHOWN / np.sqrt(2.0 * base.residual.size))
-
-
-def rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2)))

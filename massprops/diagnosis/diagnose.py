@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from massprops.core.robust import rms
 from massprops.diagnosis import criteria
-from massprops.diagnosis.candidate import Selection, rms
+from massprops.diagnosis.candidate import Selection
 from massprops.diagnosis.document import blind_reason, document_of_selection, model_of_selection
 from massprops.diagnosis.hypothesis_fit import torque_sd
 from massprops.diagnosis.measured_beside import effects_beside, of_one_wheel

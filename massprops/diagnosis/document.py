@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from massprops.core.robust import rms
 from massprops.diagnosis import criteria
-from massprops.diagnosis.candidate import Candidate, Selection, rms
+from massprops.diagnosis.candidate import Candidate, Selection
 from massprops.diagnosis.held_out import fitted_rms, held_out_rms
 from massprops.diagnosis.hypothesis_fit import PASSES, HypothesisFit, torque_sd
 from massprops.diagnosis.verdict import significance

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from massprops.core.robust import rms
 from massprops.diagnosis import criteria
 from massprops.diagnosis.hypothesis_fit import HypothesisFit
 
@@ -19,7 +20,7 @@ def noise_floor(fit: HypothesisFit) -> np.ndarray:
 
 def fitted_rms(fit: HypothesisFit, noise: np.ndarray) -> float:
     """Root mean square of what a fit leaves, over the noise (3,)."""
-    return float(np.sqrt(np.mean((fit.residual / noise) ** 2)))
+    return rms(fit.residual / noise)
 
 
 def held_out_rms(fit: HypothesisFit, over: np.ndarray) -> float:

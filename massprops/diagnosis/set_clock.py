@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from massprops.diagnosis.candidate import rms
+from massprops.core.robust import rms
 from massprops.diagnosis.hypothesis_fit import HypothesisFit
 from massprops.diagnosis.record import record_of_rates
 from massprops.diagnosis.unnamed import without_effects

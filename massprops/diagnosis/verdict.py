@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from massprops.core.robust import rms
 from massprops.diagnosis import criteria
-from massprops.diagnosis.candidate import Candidate, paid, rms, within_noise
+from massprops.diagnosis.candidate import Candidate, paid, within_noise
 from massprops.diagnosis.held_out import held_out_rms
 from massprops.diagnosis.hypothesis_fit import HypothesisFit
 

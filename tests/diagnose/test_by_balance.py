@@ -9,7 +9,8 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from massprops.diagnosis.candidate import Candidate, Selection, rms
+from massprops.core.robust import rms
+from massprops.diagnosis.candidate import Candidate, Selection
 from massprops.diagnosis.conserved_start import Start
 from massprops.diagnosis.effect_columns import Term
 from massprops.diagnosis.effect_search import best_fit

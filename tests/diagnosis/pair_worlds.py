@@ -273,7 +273,7 @@ def _sequence(times: np.ndarray, q: np.ndarray, sun: np.ndarray, rng: np.random.
 
 def shows(sequence: Sequence) -> bool:
     """Whether a free rigid body leaves more than `LEAST_SHOWN` of the noise."""
-    from massprops.diagnosis.candidate import rms
+    from massprops.core.robust import rms
     from massprops.diagnosis.record import record_of_attitudes
     from massprops.diagnosis.unnamed import without_effects
 

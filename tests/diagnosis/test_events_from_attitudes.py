@@ -9,8 +9,9 @@ import pytest
 from diagnosis import tossed_bodies
 from diagnosis.tossed_bodies import RATE, SIGMA, Toss
 
+from massprops.core.robust import rms
 from massprops.diagnosis import effect_search, hypothesis_fit, selection
-from massprops.diagnosis.candidate import Candidate, Selection, rms
+from massprops.diagnosis.candidate import Candidate, Selection
 from massprops.diagnosis.conserved_start import Start
 from massprops.diagnosis.diagnose import decides, diagnose_by_balance
 from massprops.diagnosis.document import document_of_selection, parameters, rate_change

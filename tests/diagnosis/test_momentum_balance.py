@@ -9,7 +9,7 @@ import pytest
 from report.browser import BROWSER, check_page
 from scipy.integrate import solve_ivp
 
-from massprops.diagnosis.candidate import rms
+from massprops.core.robust import rms
 from massprops.diagnosis.conserved_start import conserved, conserved_across
 from massprops.diagnosis.criteria import ALIKE, SCALE_SD, SCALES
 from massprops.diagnosis.diagnose import diagnose_by_balance

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from diagnosis.test_momentum_balance import tumble
 
+from massprops.core.robust import rms
 from massprops.diagnosis import pairs as module
-from massprops.diagnosis.candidate import Candidate, Selection, paid, rms, within_noise
+from massprops.diagnosis.candidate import Candidate, Selection, paid, within_noise
 from massprops.diagnosis.conserved_start import conserved
 from massprops.diagnosis.document import document_of_selection, model_of_selection
 from massprops.diagnosis.effect_columns import Term, looked_at, scan, term_of

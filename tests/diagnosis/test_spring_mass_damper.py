@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from massprops.diagnosis.candidate import Candidate, rms
+from massprops.core.robust import rms
+from massprops.diagnosis.candidate import Candidate
 from massprops.diagnosis.conserved_start import Start
 from massprops.diagnosis.effect_columns import lookalikes, term_of
 from massprops.diagnosis.effect_search import best_fit

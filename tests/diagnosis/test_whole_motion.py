@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from massprops.core.robust import rms
 from massprops.diagnosis import whole_motion
-from massprops.diagnosis.candidate import rms
 from massprops.diagnosis.conserved_start import Start
 from massprops.diagnosis.document import parameters
 from massprops.diagnosis.effect_columns import term_of

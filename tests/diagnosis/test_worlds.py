@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from massprops.diagnosis.candidate import Candidate, rms, within_noise
+from massprops.core.robust import rms
+from massprops.diagnosis.candidate import Candidate, within_noise
 from massprops.diagnosis.conserved_start import Start
 from massprops.diagnosis.effect_columns import Term, forcing_of, in_balance, scan
 from massprops.diagnosis.effect_search import again

@@ -43,11 +43,6 @@ def column(rows: Sequence[Row], name: str) -> np.ndarray:
     return np.array([row.get(name, np.nan) for row in rows], float)
 
 
-def rms(values: np.ndarray) -> float:
-    """Root mean square of numbers of any shape."""
-    return float(np.sqrt(np.mean(np.square(values))))
-
-
 def percentiles(values: Any, which: Sequence[float] = (50, 90, 100)) -> list[str]:
     """Percentiles of (n,) numbers with three digits."""
     return [f"{np.percentile(values, p):.3g}" for p in which]

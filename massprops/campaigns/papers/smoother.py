@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from massprops.campaigns.consistency import consistency
-from massprops.campaigns.papers._seeds import column, each_seed, rms
+from massprops.campaigns.papers._seeds import column, each_seed
 from massprops.core.linalg import normalised_square
+from massprops.core.robust import rms
 
 PAPER = "smoother"
 CASES = {

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from massprops.core.robust import rms
 from massprops.diagnosis import criteria
 from massprops.diagnosis.candidate import within_noise
 from massprops.diagnosis.conserved_start import Start
@@ -91,7 +92,9 @@ class Law:
         if self.evidence < self.unknown.evidence + criteria.BEATS_UNKNOWN:
             return "an unknown torque explains the record better"
         if self.alone.record.stated and not within_noise(self.alone):
-            return f"it leaves residuals of {_rms(self.alone.residual):.2f} times the stated noise: something else acts too"
+            return (
+                f"it leaves residuals of {rms(self.alone.residual):.2f} times the stated noise: something else acts too"
+            )
         if self.probability.min() < LIKELY:
             return "other terms explain the record nearly as well: it does not tell them apart"
         if self.catalogue is not None and self.catalogue.ahead < 0.0:
@@ -275,10 +278,6 @@ def model_of_law(law: Law) -> dict[str, Any]:
         "angular_velocity_rad_s": law.alone.rate[0].tolist(),
         "attitude": law.alone.record.path.q[0].tolist(),
     }
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 __all__ = ["Found", "Law", "discover", "document_of_law", "formula", "model_of_law"]
