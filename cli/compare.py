@@ -72,10 +72,10 @@ def _quantities(rows: list[dict[str, Any]], title: str) -> list[str]:
 
 
 def _distances(document: dict[str, Any]) -> list[str]:
-    d = document["distances"]
-    names = {"median": "median", "mean_signed": "mean, signed", "rms": "rms", "p95": "95 %", "hausdorff": "Hausdorff"}
-    rows = []
-    for key, name in names.items():
+    from massprops.exchange.compare import DISTANCES
+
+    d, rows = document["distances"], []
+    for key, name in DISTANCES.items():
         both = (d[side][key] for side in ("ours", "cad"))
         rows.append([name, *(text for v in both for text in (f"{1000 * v:.4g}", f"{100 * v / d['length']:.3f} %"))])
     lines = table(("surface distance [mm]", "ours to CAD", "of length", "CAD to ours", "of length"), rows)

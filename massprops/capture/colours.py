@@ -102,9 +102,14 @@ def _piece(probability: np.ndarray) -> np.ndarray:
     count, label, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
     if count <= 1:
         return mask > 0
-    found = label == 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
-    area = float(found.sum())
-    count, label, stats, _ = cv2.connectedComponentsWithStats((~found).astype(np.uint8), connectivity=4)
-    small = stats[:, cv2.CC_STAT_AREA] < 0.02 * area
+    return without_small_gaps(label == 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA])), 0.02)
+
+
+def without_small_gaps(found: np.ndarray, share: float) -> np.ndarray:
+    """A silhouette (h, w) bool with the gaps filled that are smaller than a share of it."""
+    import cv2
+
+    _, label, stats, _ = cv2.connectedComponentsWithStats((~found).astype(np.uint8), connectivity=4)
+    small = stats[:, cv2.CC_STAT_AREA] < share * found.sum()
     small[0] = False
-    return found | small[label]
+    return np.asarray(found | small[label])

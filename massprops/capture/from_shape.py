@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from massprops.capture.colours import BINS, colour_cells
+from massprops.capture.colours import BINS, colour_cells, without_small_gaps
 from massprops.core.robust import mad_sigma
 from massprops.geometry.projection import on_pixels, pixels_of
 
@@ -337,11 +337,7 @@ def _held(found: np.ndarray, surely: np.ndarray) -> np.ndarray:
     sure = np.bincount(piece[surely], minlength=count)
     keep = sure >= max(3, 0.02 * sure[1:].max(initial=0))
     keep[0] = False
-    kept = keep[piece]
-    count, piece, stats, _ = cv2.connectedComponentsWithStats((~kept).astype(np.uint8), connectivity=4)
-    small = stats[:, cv2.CC_STAT_AREA] < 0.001 * kept.sum()
-    small[0] = False
-    return kept | small[piece]
+    return without_small_gaps(keep[piece], 0.001)
 
 
 def share_covered(

@@ -20,8 +20,6 @@ from massprops.errors import InputError, NotPossible
 
 STILL = "the object is still: nothing moves, so nothing shows its inertia"
 OWNER = "crosscheck"
-READ = ("massprops.json", "mesh.ply", "work/sfm", "work/surface", "work/scale")
-"""What is read of a run beside its sequence, as its record names it."""
 MOST_POINTS = 300
 """Epochs of the residuals kept for the page."""
 
@@ -97,6 +95,7 @@ def crosscheck(
         'consistent'
     """
     from massprops.consistency.mesh_side import read_mesh_side
+    from massprops.exchange.body import READ
 
     folder = Path(run)
     if not folder.is_dir():

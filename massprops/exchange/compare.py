@@ -224,6 +224,10 @@ def _rows(ours: MassProperties, cad: MassProperties, interval: dict[str, Any], l
     return rows
 
 
+DISTANCES = {"median": "median", "mean_signed": "mean, signed", "rms": "rms", "p95": "95 %", "hausdorff": "Hausdorff"}
+"""What each distance between surfaces is called in a table."""
+
+
 def quantity_label(quantity: str) -> str:
     """The name of a row in words: `center_of_mass_x` is "centre of mass x"."""
     return quantity.replace("center_of_mass_", "centre of mass ").replace("axis_", "axis of I")

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from massprops.exchange.compare import quantity_label
+from massprops.exchange.compare import DISTANCES, quantity_label
 from massprops.report.data import RunData
 from massprops.report.html import Safe, between, number, table, text
 from massprops.report.viewer import viewer
 
 TITLE, ORDER = "Comparison with CAD", 6
-NAMES = {"median": "median", "mean_signed": "mean, signed", "rms": "rms", "p95": "95 %", "hausdorff": "Hausdorff"}
 
 
 def render(data: RunData) -> str:
@@ -103,7 +102,7 @@ def _distances(distances: dict[str, Any]) -> str:
         size = f"{number(1000 * value, 3)} mm" if length < 100 else f"{number(value, 3)} m"
         return f"{size} ({number(100 * value / length, 2)} %)"
 
-    rows = [(name, cell(distances["ours"][key]), cell(distances["cad"][key])) for key, name in NAMES.items()]
+    rows = [(name, cell(distances["ours"][key]), cell(distances["cad"][key])) for key, name in DISTANCES.items()]
     return (
         table(rows, ("", "this run to CAD", "CAD to this run"))
         + f"<p class='soft'>Percentages are of the greatest length of the CAD mesh, {number(length)} m. Positive: this run's surface lies outside.</p>"
