@@ -81,8 +81,8 @@ def test_images_that_the_adjustment_takes_out_are_not_missed(tmp_path, monkeypat
         first, second = given.found.models
         gone = sorted(second.reg_image_ids())[:lost]
 
-        def lossy(model, given, rounds, gone=gone):
-            adjusted(model, given, rounds)
+        def lossy(model, given, gone=gone):
+            adjusted(model, given)
             for i in set(gone) & set(model.reg_image_ids()):
                 pycolmap.ObservationManager(model).deregister_frame(model.image(i).frame_id)
 
