@@ -24,6 +24,10 @@ def entries(start: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return which, (start[rows] - (np.cumsum(count) - count))[which] + np.arange(len(which))
 
 
+ARRAYS = ("timestamp_ns", "size", "K", "distortion", "R", "t")
+"""The arrays of `Views`, one row for each image, in order."""
+
+
 @dataclass(frozen=True)
 class Views:
     """n registered images with pinhole cameras in one world frame.
@@ -66,15 +70,7 @@ class Views:
     def take(self, index: np.ndarray) -> Views:
         """The views at `index` (integers or a mask)."""
         index = np.arange(len(self))[index]
-        return Views(
-            tuple(self.names[i] for i in index),
-            self.timestamp_ns[index],
-            self.size[index],
-            self.K[index],
-            self.distortion[index],
-            self.R[index],
-            self.t[index],
-        )
+        return Views(tuple(self.names[i] for i in index), *(getattr(self, k)[index] for k in ARRAYS))
 
     def moved(self, R: np.ndarray, t: np.ndarray) -> Views:
         """The same images of a world that was moved: x becomes R x + t, R (3, 3), t (3,)."""
@@ -89,20 +85,18 @@ class Views:
     def joined(parts: list[Views]) -> Views:
         """All views of several sets in one world."""
         names = tuple(name for part in parts for name in part.names)
-        arrays = ("timestamp_ns", "size", "K", "distortion", "R", "t")
-        return Views(names, *(np.concatenate([getattr(part, k) for part in parts]) for k in arrays))
+        return Views(names, *(np.concatenate([getattr(part, k) for part in parts]) for k in ARRAYS))
 
     def save(self, path: Path) -> None:
         """Writes one `.npz` without pickled objects."""
-        arrays = {k: getattr(self, k) for k in ("timestamp_ns", "size", "K", "distortion", "R", "t")}
-        np.savez(path, names=np.array(self.names, dtype=np.str_), **arrays)
+        np.savez(path, names=np.array(self.names, dtype=np.str_), **{k: getattr(self, k) for k in ARRAYS})
 
     @staticmethod
     def load(path: Path) -> Views:
         """Reads what `save` wrote."""
         with open_arrays(path) as z:
             names = tuple(str(s) for s in z["names"])
-            return Views(names, z["timestamp_ns"], z["size"], z["K"], z["distortion"], z["R"], z["t"])
+            return Views(names, *(z[k] for k in ARRAYS))
 
 
 def undistort(image: np.ndarray, K: np.ndarray, distortion: np.ndarray, nearest: bool = False) -> np.ndarray:

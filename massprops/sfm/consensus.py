@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprops.sfm.points import SparsePoints, project
+from massprops.sfm.points import SparsePoints, projected
 from massprops.views import Views
 
 AGREES_PX = 2.0
@@ -191,7 +191,7 @@ def _linear(
     sign = np.where(second[v], -1.0, 1.0)[:, None]
 
     def seen(x: np.ndarray) -> np.ndarray:
-        return project(views.K[v], views.distortion[v], views.R[v], views.t[v], x)
+        return projected(views, v, x)
 
     d = xyz - middle
     ways = [*(np.cross(e, d) for e in np.eye(3)), d, *(np.tile(e, (len(d), 1)) for e in np.eye(3))]

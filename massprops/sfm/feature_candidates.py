@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 from massprops.geometry.vectors import unit
 from massprops.sfm.consensus import Candidates
 from massprops.sfm.distinct import APART, angles
-from massprops.sfm.points import SparsePoints, project
+from massprops.sfm.points import SparsePoints, projected
 from massprops.views import Views
 
 WIDEST_DEG = 80.0
@@ -53,14 +53,7 @@ def feature_candidates(
         first = first[cosine[first] > np.cos(np.deg2rad(WIDEST_DEG))]
         if not len(first) or not len(features[j][0]):
             continue
-        m = len(first)
-        at = project(
-            np.tile(views.K[j], (m, 1, 1)),
-            np.tile(views.distortion[j], (m, 1)),
-            np.tile(views.R[j], (m, 1, 1)),
-            np.tile(views.t[j], (m, 1)),
-            points.xyz[p[first]],
-        )
+        at = projected(views, np.full(len(first), j), points.xyz[p[first]])
         row, uv = _alike(at, looks[use[first]], features[j], reach)
         out.append((p[first[row]], np.full(len(row), j), uv, cosine[first[row]]))
     if not out:

@@ -29,7 +29,7 @@ from massprops.sfm.features import read_mask
 from massprops.sfm.footage import FootageRecord
 from massprops.sfm.free_motion import Piece, fit_centres, fit_rotation
 from massprops.sfm.oblique_patches import Grey, patch_candidates
-from massprops.sfm.points import SparsePoints, project
+from massprops.sfm.points import SparsePoints, projected
 from massprops.sfm.refine import adjust, remove_outliers
 from massprops.sfm.turned import turn_image
 from massprops.views import Views
@@ -267,14 +267,7 @@ def _looked_again(
     for k in pieces[1:]:
         second = laid.owner == k
         candidates = look.candidates(laid, second, NEAR)
-        v = candidates.view
-        uv = project(
-            laid.views.K[v],
-            laid.views.distortion[v],
-            laid.views.R[v],
-            laid.views.t[v],
-            laid.points.xyz[candidates.point],
-        )
+        uv = projected(laid.views, candidates.view, laid.points.xyz[candidates.point])
         near = np.flatnonzero(np.linalg.norm(uv - candidates.uv, axis=1) < AGREES_PX)
         sightings += _sightings(laid, candidates.take(near))
     together = Part(split, frozenset[int]().union(*present), STAYS)

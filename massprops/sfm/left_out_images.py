@@ -126,7 +126,7 @@ def agreeing_matches(model: pycolmap.Reconstruction, database: Path, known: set[
 
     Points and not epipolar lines: one cell further on along a line, a pattern agrees with every line.
     """
-    from massprops.sfm.points import project
+    from massprops.sfm.points import projected
 
     views, ids = to_views(model)
     row = {image_id: i for i, image_id in enumerate(ids)}
@@ -142,9 +142,7 @@ def agreeing_matches(model: pycolmap.Reconstruction, database: Path, known: set[
             place = np.asarray(db.read_keypoints(pair[new]), float)[matches[there, new], :2] - 0.5
             v = np.full(len(place), row[pair[new]])
             with np.errstate(all="ignore"):
-                away = np.linalg.norm(
-                    project(views.K[v], views.distortion[v], views.R[v], views.t[v], xyz) - place, axis=1
-                )
+                away = np.linalg.norm(projected(views, v, xyz) - place, axis=1)
             near = away < REACH * float(views.size[row[pair[new]]].max())
             count[pair[new]] += [int(near.sum()), len(near)]
     return {i: (int(c[0]), int(c[1])) for i, c in count.items()}

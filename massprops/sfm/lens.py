@@ -18,7 +18,7 @@ import pycolmap
 
 from massprops.sfm.convert import image_radius, opencv_camera, to_views
 from massprops.sfm.fisheye import fisheye
-from massprops.sfm.points import project, project_camera
+from massprops.sfm.points import project_camera, projected
 
 MODELS = ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE")
 """From few parameters to many: none, k1, k2, p1, p2 with two focal lengths, and a fisheye, which is tried where one of the
@@ -140,8 +140,7 @@ def distances(model: pycolmap.Reconstruction, held: HeldOut) -> np.ndarray:
     """(k,) reprojection errors of the observations set aside [px]."""
     views, ids = to_views(model)
     v, xyz = held.placed(model, ids)
-    uv = project(views.K[v], views.distortion[v], views.R[v], views.t[v], xyz)
-    return np.linalg.norm(uv - held.uv, axis=1)
+    return np.linalg.norm(projected(views, v, xyz) - held.uv, axis=1)
 
 
 def loss(distance: np.ndarray, scale: float) -> np.ndarray:

@@ -108,6 +108,11 @@ def project(K: np.ndarray, distortion: np.ndarray, R: np.ndarray, t: np.ndarray,
     return project_camera(K, distortion, c)
 
 
+def projected(views: Views, v: np.ndarray, xyz: np.ndarray) -> np.ndarray:
+    """Pixels (m, 2) of world points (m, 3), each in the view v (m,) as it was taken."""
+    return project(views.K[v], views.distortion[v], views.R[v], views.t[v], xyz)
+
+
 def project_camera(K: np.ndarray, distortion: np.ndarray, c: np.ndarray) -> np.ndarray:
     """Pixels (m, 2) of points (m, 3) in camera axes."""
     x, y = c[:, 0] / c[:, 2], c[:, 1] / c[:, 2]
@@ -133,6 +138,4 @@ def radial_factor(distortion: np.ndarray, r2: np.ndarray) -> tuple[np.ndarray, n
 
 def residuals(views: Views, points: SparsePoints) -> np.ndarray:
     """(k, 2) projected minus observed [px]."""
-    v = points.obs_view
-    uv = project(views.K[v], views.distortion[v], views.R[v], views.t[v], points.xyz[points.obs_point])
-    return uv - points.obs_uv
+    return projected(views, points.obs_view, points.xyz[points.obs_point]) - points.obs_uv
