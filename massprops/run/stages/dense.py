@@ -42,14 +42,6 @@ def run(job: Job) -> dict[str, Any]:
             raise
         job.warn(f"nothing could be measured on the object: its outlines alone give the shape ({error})")
         points, facts = nothing_measured(), {"points": 0, "reason": str(error)}
-    np.savez(
-        job.out / "points.npz",
-        xyz=points.xyz,
-        normal=points.normal,
-        rgb=points.rgb,
-        sigma=points.sigma,
-        view_start=points.view_start,
-        view_index=points.view_index,
-    )
+    np.savez(job.out / "points.npz", **vars(points))
     (job.out / "dense.json").write_text(json.dumps(facts, indent=1))
     return facts
