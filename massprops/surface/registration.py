@@ -193,6 +193,10 @@ class Registration:
         by_shape = any(self._alone(n) and against < n * SURE * self.colour_noise for n in (1, 2))
         return self.fits and (self.painted or by_shape)
 
+    def is_clearly_not(self, R: np.ndarray) -> bool:
+        """Whether it is clear, and the turn R (3, 3) is another answer."""
+        return self.clear and vectors.turn_deg(R, self.R) > APART_DEG
+
     @property
     def unpainted(self) -> bool:
         """Whether the shape alone says so, much more clearly than anything else, and the paint says nothing of any turn.
@@ -342,7 +346,7 @@ def outlines_exclude(first: Placed, second: Placed, found: Registration, R: np.n
     Two sides of a part of one pattern agreed in 754 features (Blender), laid onto each other 5.9 px outside the outlines; the
     true turn is 0.6 px outside.
     """
-    if not found.clear or vectors.turn_deg(R, found.R) <= APART_DEG:
+    if not found.is_clearly_not(R):
         return False
     outlines = _outlines(first, second, np.random.default_rng(52))
     return bool(outlines.score(R, t) > worse(found.outside_px) + found.own_px)
