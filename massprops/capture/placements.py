@@ -8,7 +8,7 @@ features show two placements.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
@@ -46,11 +46,17 @@ FLAT = 0.012
 @dataclass(frozen=True)
 class Placements:
     """label (n,) int, 0 for the placement that most images show, -1 for an image that shares no feature with any;
-    shared (n, n) features of the object in common; known: whether there were features enough to tell."""
+    shared (n, n) features of the object in common; known: whether there were features enough to tell; handled (n,) int, other
+    numbers where features say that hands turned the object in a pause between, all 0 where nobody knows."""
 
     label: np.ndarray
     shared: np.ndarray
     known: bool = True
+    handled: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+
+    def turned_between(self, one: np.ndarray, other: np.ndarray) -> bool:
+        """Whether a pause in which the object was turned parts the images `one` and `other`, (k,) and (m,) of them."""
+        return bool(len(self.handled)) and not np.isin(self.handled[one], self.handled[other]).any()
 
     @property
     def count(self) -> int:
@@ -400,8 +406,9 @@ def find_placements(
     shared = shared_features(len(centres), obs_view, obs_point, own)
     direction = centres - region.centre
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    handled = divide_at_pauses(shared, direction, timestamp_ns)
     if own.sum() < LEAST_POINTS:
-        return Placements(divide_at_pauses(shared, direction, timestamp_ns), shared, known=False)
+        return Placements(handled, shared, False, handled)
     label = divide(shared, direction)
     # a plain object shows each image so few that a division of its images among all others stays unseen
-    return Placements(label if label.any() else divide_at_pauses(shared, direction, timestamp_ns), shared)
+    return Placements(label if label.any() else handled, shared, True, handled)

@@ -180,7 +180,13 @@ def test_a_plain_thing_that_shows_each_image_little_is_divided_at_a_pause() -> N
     clock = (1_000_000_000 * (1 + seconds)).astype(np.int64)
     found = find_placements(*there, timestamp_ns=clock)
     assert found.known and found.label.tolist() == [0] * 28 + [1] * 28
-    assert not find_placements(*there).label.any(), "nobody knows when"
+    assert found.turned_between(np.arange(3, 28), np.arange(28, 50)) and not found.turned_between(
+        np.arange(9), np.arange(9, 28)
+    )
+    assert not found.turned_between(np.arange(30), np.arange(30, 56)), "images after the pause are in both"
+    untimed = find_placements(*there)
+    assert not untimed.label.any(), "nobody knows when"
+    assert not untimed.turned_between(np.arange(28), np.arange(28, 56))
 
 
 def test_a_few_images_between_others_are_no_placement() -> None:

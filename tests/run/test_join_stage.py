@@ -177,7 +177,8 @@ def test_features_of_one_pattern_on_two_sides_do_not_overrule_outlines(monkeypat
 
 
 @pytest.mark.parametrize(
-    ("right", "wrong", "taken"), [((184, 24.0), (132, 32.0), True), ((132, 32.0), (184, 24.0), False), (None, None, False)]
+    ("right", "wrong", "taken"),
+    [((184, 24.0), (132, 32.0), True), ((132, 32.0), (184, 24.0), False), (None, None, False)],
 )
 def test_ends_that_look_alike_are_told_by_features_on_both_shapes(
     monkeypatch: pytest.MonkeyPatch, right: tuple[int, float] | None, wrong: tuple[int, float] | None, taken: bool
