@@ -198,6 +198,7 @@ def _divided_by_occlusion(
 ) -> np.ndarray:
     """Labels (n,) of an object that has no features to tell its placements by: by what it hides of its support."""
     from massprops.capture.occlusion import COARSE, voxels
+    from massprops.capture.placements import without_return
     from massprops.capture.placements_by_occlusion import LEAST_IMAGES, divide_by_occlusion
 
     none = np.zeros(len(views), int)
@@ -206,7 +207,7 @@ def _divided_by_occlusion(
         return none
     cloud, plane = found
     maps = _occlusion(job, views, cloud, plane, region)
-    return divide_by_occlusion(voxels(views, maps, plane, region, COARSE), maps, times)
+    return without_return(divide_by_occlusion(voxels(views, maps, plane, region, COARSE), maps, times), times)
 
 
 def _solved(job: Job, views: Views, sparse: SparsePoints, label: np.ndarray, pointed: list[Located]) -> Solved:
