@@ -303,8 +303,17 @@ def _turned(both: _Pair, best: _Answer, answers: list[_Answer]) -> Registration 
 
 
 def settled(first: Placed, second: Placed, R: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The turn (3, 3) and shift (3,) of the second placement, next to these, that the outlines bear best."""
-    return _outlines(first, second, np.random.default_rng(52)).fitted(R, t, second.middle)
+    """The turn (3, 3) and shift (3,) of the second placement, next to these, that the outlines bear best, with the surfaces laid onto
+    each other where the outlines bear that as well.
+
+    Outlines alone give way to silhouettes that take in shade: two plain rocks (Blender) came to lie 2.5 and 1.2 degrees, 4.0 and .9 px off, and
+    1.5 and .5 degrees, 1.3 and .4 px with their surfaces.
+    """
+    both = _Pair(first, second, np.random.default_rng(52))
+    by_rims = both.outlines.fitted(R, t, second.middle)
+    by_points = both.laid(*by_rims)
+    borne = both.outlines.score(*by_points) < worse(both.outlines.score(*by_rims))
+    return by_points if borne else by_rims
 
 
 def drawn_again(found: Registration, fits: Sequence[tuple[Placed, Placed, np.ndarray, np.ndarray]]) -> Registration:
