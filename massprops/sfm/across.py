@@ -148,6 +148,11 @@ class Laid:
     matches: int = 0
     chance: float = np.nan
 
+    @property
+    def over_chance(self) -> float:
+        """Matches that are not there by chance."""
+        return self.matches - self.chance
+
 
 @dataclass(frozen=True)
 class _Drawn:

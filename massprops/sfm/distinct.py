@@ -59,6 +59,27 @@ def describe(keypoints: np.ndarray, descriptors: np.ndarray) -> Described:
     return Described(rows, own, np.flatnonzero(own > LEAST_OWN))
 
 
+def largest(keypoints: np.ndarray, descriptors: np.ndarray, enough: int) -> tuple[np.ndarray, np.ndarray]:
+    """The features of largest scales among which at least `enough` repeat nowhere; all where there are fewer of these.
+
+    What a feature is held against grows with their number, and so does the cost of a pair with its square: large photographs
+    show many times what a pair needs.
+
+    Args:
+        keypoints: (k, 3 or more) x, y, scale ... [px].
+        descriptors: (k, 128) uint8.
+    """
+    order = np.argsort(-keypoints[:, 2], kind="stable")
+    count = enough
+    while count < len(order):
+        some = np.sort(order[:count])
+        unique = len(describe(keypoints[some], descriptors[some]).index)
+        if unique >= enough:
+            return keypoints[some], descriptors[some]
+        count = min(2 * count, count * enough // max(unique, 1)) + 1
+    return keypoints, descriptors
+
+
 def unit(descriptors: np.ndarray) -> np.ndarray:
     """(k, 128) float32 of length one."""
     return vectors.unit(descriptors.astype(np.float32))

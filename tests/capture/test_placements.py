@@ -13,6 +13,7 @@ from massprops.capture.placements import (
     fill_undecided,
     find_placements,
     small_ones_filled,
+    without_return,
 )
 from massprops.dense.region import Region
 
@@ -180,7 +181,27 @@ def test_a_plain_thing_that_shows_each_image_little_is_divided_at_a_pause() -> N
     clock = (1_000_000_000 * (1 + seconds)).astype(np.int64)
     found = find_placements(*there, timestamp_ns=clock)
     assert found.known and found.label.tolist() == [0] * 28 + [1] * 28
-    assert not find_placements(*there).label.any(), "nobody knows when"
+    assert found.turned_between(np.arange(3, 28), np.arange(28, 50)) and not found.turned_between(
+        np.arange(9), np.arange(9, 28)
+    )
+    assert not found.turned_between(np.arange(30), np.arange(30, 56)), "images after the pause are in both"
+    untimed = find_placements(*there)
+    assert not untimed.label.any(), "nobody knows when"
+    assert not untimed.turned_between(np.arange(28), np.arange(28, 56))
+
+
+def test_what_comes_back_had_not_been_moved() -> None:
+    clock = np.arange(1, 16) * 10**9
+    film = np.array([1, 1, 1, -1, 0, 0, 0, 0, 0, 0, -1, 1, 1, 1, -1])
+    assert without_return(film, clock).tolist() == [0, 0, 0, -1, 0, 0, 0, 0, 0, 0, -1, 0, 0, 0, -1]
+    assert without_return(film, np.zeros(15)).tolist() == film.tolist(), "nobody knows the order"
+    assert without_return(film, None).tolist() == film.tolist()
+    turned = np.array([0, 0, 0, 1, 0, 0, 0, 0, 1, 1, 1, 0, 1, 1, 1])
+    assert without_return(turned, clock).tolist() == turned.tolist(), "one image in a row tells nothing"
+    plain_side = np.array([0, 0, 0, 2, 2, 2, 0, 0, 0, 1, 1, 1, 1, 1, 1])
+    assert without_return(plain_side, clock).tolist() == [0] * 9 + [1] * 6
+    crossed = np.array([0, 0, 0, 1, 1, 1, 0, 0, 0, 1, 1, 1, 2, 2, 2])
+    assert without_return(crossed, clock).tolist() == [0] * 12 + [1] * 3
 
 
 def test_a_few_images_between_others_are_no_placement() -> None:

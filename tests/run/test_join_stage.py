@@ -168,10 +168,40 @@ def test_features_of_one_pattern_on_two_sides_do_not_overrule_outlines(monkeypat
     monkeypatch.setattr("massprops.sfm.across.contradicted", lambda *_: False)
     monkeypatch.setattr("massprops.surface.registration.overlap", lambda *_: 0.5)
     placed, job = SimpleNamespace(support=None), SimpleNamespace(seed=0)
+    side = SimpleNamespace(beside=lambda *_: side)
+    monkeypatch.setattr(join, "_on_both_shapes", lambda *_: None)
     for excluded, wanted in ((False, over), (True, R)):
         monkeypatch.setattr("massprops.surface.registration.outlines_exclude", lambda *_, e=excluded: e)
-        said, turn, _ = _laid(job, (placed, None), (placed, None))  # type: ignore[arg-type]
+        said, turn, _ = _laid(job, (placed, side), (placed, side))  # type: ignore[arg-type]
         assert np.array_equal(turn, wanted) and said["features"] == 90
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "taken"),
+    [((184, 24.0), (132, 32.0), True), ((132, 32.0), (184, 24.0), False), (None, None, False)],
+)
+def test_ends_that_look_alike_are_told_by_features_on_both_shapes(
+    monkeypatch: pytest.MonkeyPatch, right: tuple[int, float] | None, wrong: tuple[int, float] | None, taken: bool
+) -> None:
+    """As of a toy whose outlines and paint are clear, and of whose features 42 agree with its other end in front."""
+    over = R @ np.diag([1.0, -1, -1])
+    found = registered(colour=0.5, candidates=((R, T), (over, T)))
+    monkeypatch.setattr("massprops.surface.registration.register", lambda *_: found)
+
+    def lay(first: Any, second: Any, starts: Any, anywhere: bool) -> Laid | None:
+        if len(starts) > 1:
+            return Laid(*starts[-1], 1e-8 * np.eye(6), np.zeros(3), 42, 0.3, 154, 40.5)
+        counts = right if starts[0][0] is R else wrong
+        return None if counts is None else Laid(*starts[0], 1e-8 * np.eye(6), np.zeros(3), 60, 0.3, *counts)
+
+    monkeypatch.setattr("massprops.sfm.across.lay", lay)
+    monkeypatch.setattr("massprops.sfm.across.contradicted", lambda *_: False)
+    monkeypatch.setattr("massprops.surface.registration.overlap", lambda *_: 0.5)
+    monkeypatch.setattr("massprops.surface.registration.outlines_exclude", lambda *_: False)
+    side = SimpleNamespace(beside=lambda *_: side)
+    placed, job = SimpleNamespace(support=None), SimpleNamespace(seed=0)
+    said, turn, _ = _laid(job, (placed, side), (placed, side))  # type: ignore[arg-type]
+    assert np.array_equal(turn, R if taken else over) and said["features"] == (60 if taken else 42)
 
 
 @pytest.mark.parametrize("same", [True, False])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scene
 
-from massprops.sfm.distinct import describe, match_distinct, repeating, unit
+from massprops.sfm.distinct import describe, largest, match_distinct, repeating, unit
 from massprops.sfm.guided import Gate, match_onto, match_placed, place, seen_alike
 from massprops.sfm.points import project
 
@@ -41,6 +41,22 @@ def test_two_directions_of_one_place_are_no_twins():
     xy = rng.uniform(0, 640, (10, 2))
     both = describe(np.concatenate([xy, xy + 0.1]), noisy(np.concatenate([look, look]), rng))
     assert repeating([both]) == 0.0
+
+
+def test_large_photographs_keep_as_many_of_the_largest_features_as_are_enough():
+    rng = np.random.default_rng(4)
+    look = np.concatenate([words(200, rng), np.tile(words(4, rng), (50, 1))])[rng.permutation(400)]
+    keypoints = np.column_stack([rng.uniform(0, 4000, (400, 2)), rng.uniform(1, 9, 400), np.zeros(400)])
+    seen = noisy(look, rng)
+    kept, descriptors = largest(keypoints, seen, 50)
+    assert len(describe(kept, descriptors).index) >= 50
+    assert len(kept) < 200 and kept[:, 2].min() > np.sort(keypoints[:, 2])[200]
+    row = [int(np.flatnonzero((keypoints == k).all(1))[0]) for k in kept]
+    assert row == sorted(row)
+    np.testing.assert_array_equal(descriptors, seen[row])
+    for enough in (2, 1000):
+        few, _ = largest(keypoints, np.tile(seen[:1], (400, 1)), enough)
+        assert len(few) == 400
 
 
 def test_images_without_features_match_nothing():
