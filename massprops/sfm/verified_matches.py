@@ -81,8 +81,26 @@ def _inside(mask: np.ndarray | None, places: np.ndarray) -> np.ndarray:
     return np.asarray(mask[row, column] == 255)
 
 
+@dataclass(frozen=True)
+class Film:
+    """Images that follow each other.
+
+    Attributes:
+        names: of them, in time.
+        turning: a camera and a room stand still, so that all that is matched turns with the object: a turntable's plate tells one step from
+            the next where a plain side of the object shows nothing.
+    """
+
+    names: tuple[str, ...] = ()
+    turning: bool = False
+
+
+NO_FILM = Film()
+"""Photographs."""
+
+
 def said_against(
-    matches: VerifiedMatches, inside: np.ndarray, film: Sequence[str] = ()
+    matches: VerifiedMatches, inside: np.ndarray, film: Film = NO_FILM
 ) -> tuple[float, tuple[str, str] | None]:
     """Share of the matches that contradict where images are as far as the object is concerned, and the two images with most of
     them.
@@ -93,16 +111,17 @@ def said_against(
     Args:
         matches: of the images of one placement.
         inside: (m,) bool, which of them lie on the object (`VerifiedMatches.on`).
-        film: names of the images in time, where they follow each other. Two that are few steps apart are where the object's own matches
-            from each image between them to the next have them: what else the two share is a side that looks like another.
+        film: two of its images that are few steps apart are where the object's own matches from each image between them to the next have
+            them, or on a turntable its plate's: what else the two share is a side that looks like another.
     """
     size = len(matches.pairs)
     all_of, near_of = _counts(matches.pair, size), _counts(matches.pair[matches.near], size)
     own, own_near = _counts(matches.pair[inside], size), _counts(matches.pair[inside & matches.near], size)
     told = own >= LEAST
     borne_out = told & (own_near >= BORNE_OUT * own)
-    against = told & ~borne_out & ~_bridged(matches.pairs, borne_out, film)
-    apart = _apart(matches.pairs, borne_out)
+    leads = borne_out | (film.turning & (all_of >= LEAST) & (near_of >= BORNE_OUT * all_of))
+    against = told & ~borne_out & ~_bridged(matches.pairs, leads, film.names)
+    apart = _apart(matches.pairs, leads)
     elsewhere = apart & (all_of >= LEAST) & (near_of < BORNE_OUT * all_of)
     images = len({name for pair in matches.pairs for name in pair})
     # a handful of the object's matches are no opinion of all its images

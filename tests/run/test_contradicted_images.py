@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from massprops.run.stages.mass import _contradicted
-from massprops.sfm.verified_matches import NEAR_IN_TIME, VerifiedMatches, said_against
+from massprops.sfm.verified_matches import NEAR_IN_TIME, Film, VerifiedMatches, said_against
 
 NAMES = ("cam0/a.jpg", "cam0/b.jpg", "cam0/c.jpg")
 OBJECT, TABLE = 10.0, 40.0
@@ -76,13 +76,22 @@ def test_sides_that_look_alike_do_not_speak_against_a_film_that_leads_from_one_t
     steps = [(A, B, OBJECT, 60, 60), (B, C, OBJECT, 60, 60)]
     job = a_run(tmp_path, *steps, (A, C, OBJECT, 40, 4))
     assert _contradicted(job, ONE) == (pytest.approx(0.25), "a.jpg and c.jpg")
-    assert _contradicted(job, ONE, NAMES) == (0.0, "")
-    assert _contradicted(job, ONE, (A, C))[0] == pytest.approx(0.25), "nothing leads from one to the other"
+    assert _contradicted(job, ONE, Film(NAMES)) == (0.0, "")
+    assert _contradicted(job, ONE, Film((A, C)))[0] == pytest.approx(0.25), "nothing leads from one to the other"
 
 
 def test_a_step_that_is_not_borne_out_leads_nowhere(tmp_path: Path) -> None:
     job = a_run(tmp_path, (A, B, OBJECT, 60, 60), (B, C, OBJECT, 60, 6), (A, C, OBJECT, 40, 4))
-    assert _contradicted(job, ONE, NAMES)[0] == pytest.approx(100 / 160)
+    assert _contradicted(job, ONE, Film(NAMES))[0] == pytest.approx(100 / 160)
+
+
+@pytest.mark.parametrize("turning", [True, False])
+def test_a_turntables_plate_leads_past_a_plain_side(tmp_path: Path, turning: bool) -> None:
+    """Of another figure neighbours shared two features of its own, and 200 of its plate; the fifth image after each, 35 of its own."""
+    steps = [(A, B, TABLE, 200, 200), (A, B, OBJECT, 2, 2), (B, C, TABLE, 200, 200), (B, C, OBJECT, 60, 60)]
+    job = a_run(tmp_path, *steps, (A, C, OBJECT, 40, 4))
+    share, worst = _contradicted(job, ONE, Film(NAMES, turning))
+    assert (share, worst) == ((0.0, "") if turning else (pytest.approx(0.4), "a.jpg and c.jpg"))
 
 
 @pytest.mark.parametrize(("steps", "share"), [(NEAR_IN_TIME, 0.0), (NEAR_IN_TIME + 1, 0.1)])
@@ -91,4 +100,4 @@ def test_the_errors_of_many_steps_may_add_up(steps: int, share: float) -> None:
     pairs = (*itertools.pairwise(film), (film[0], film[-1]))
     pair = np.repeat(np.arange(steps + 1), 50)
     matches = VerifiedMatches(pairs, pair, np.zeros((len(pair), 4)), pair < steps)
-    assert said_against(matches, np.ones(len(pair), bool), film)[0] == pytest.approx(share)
+    assert said_against(matches, np.ones(len(pair), bool), Film(tuple(film)))[0] == pytest.approx(share)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,7 @@ from massprops.mass.intervals import OWN_LENGTH, intervals, scaled_replicates, v
 from massprops.mass.properties import ASSUMED_DENSITY, properties_of_integrals
 from massprops.mass.symmetric import described, sentences, undecided
 from massprops.run.job import Job
-from massprops.sfm.verified_matches import VerifiedMatches, said_against
+from massprops.sfm.verified_matches import NO_FILM, Film, VerifiedMatches, said_against
 from massprops.surface.length import model_length
 from massprops.views import Views
 
@@ -161,7 +160,7 @@ def _evidence(
     )
 
 
-def _contradicted(job: Job, shape: dict[str, Any], film: Sequence[str] = ()) -> tuple[float, str]:
+def _contradicted(job: Job, shape: dict[str, Any], film: Film = NO_FILM) -> tuple[float, str]:
     """Share of the matches that contradict where images of one placement are, and two such images in words.
 
     An object that was turned over in a room that stayed contradicts across its placements, each of which is solved by itself.
@@ -183,16 +182,17 @@ def _contradicted(job: Job, shape: dict[str, Any], film: Sequence[str] = ()) -> 
     return share, " and ".join(name.rsplit("/", 1)[-1] for name in worst or ())
 
 
-def _film(job: Job, shape: dict[str, Any]) -> list[str]:
-    """Names in time of the images that a film of one placement has; none where they are photographs, or show a body before a black sky,
+def _film(job: Job, shape: dict[str, Any]) -> Film:
+    """The images that a film of one placement has; none where they are photographs, or show a body before a black sky,
     of which a small turn does not tell near from far."""
     from massprops.sfm.footage import read_footage
 
     footage, placements = read_footage(job.work("capture")), shape["placements"]
     if not footage.moving_pictures or footage.rig or footage.background == "black" or len(placements) > 1:
-        return []
+        return NO_FILM
     used = set(Views.load(job.work("sfm") / "views.npz").names).intersection(*(p["images"] for p in placements))
-    return [f.name for f in footage.frames if f.name in used]
+    turning = footage.motion == "tumbling" and footage.background == "still"
+    return Film(tuple(f.name for f in footage.frames if f.name in used), turning)
 
 
 def readings_of(shape: dict[str, Any], factor: float, moved: bool = False) -> list[dict[str, Any]]:
