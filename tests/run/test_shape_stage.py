@@ -26,3 +26,22 @@ def test_what_hands_turned_in_a_pause_did_not_stand_though_its_paint_lies_where_
     unused: Any = None
     found = shape._where_it_stood(job, unused, unused, LABEL, placements, divided)
     assert found.tolist() == ([0] * 12 if one else LABEL.tolist())
+
+
+def test_what_stood_before_and_after_stood_between(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As of a plain figure filmed once about (Blender): by what it hides three placements, of which two lay on each other."""
+    label, times = np.repeat([0, 1, 2], [8, 6, 6]), np.arange(1, 21) * 10**9
+    solved: list[list[int]] = []
+
+    def solve(job: Any, views: Any, sparse: Any, label: np.ndarray, pointed: Any) -> Any:
+        solved.append(np.bincount(label).tolist())
+        return [{"label": k, "method": "measured"} for k in range(int(label.max()) + 1)], []
+
+    monkeypatch.setattr(shape, "_solved", solve)
+    monkeypatch.setattr("massprops.dense.region.region_of", lambda _: None)
+    monkeypatch.setattr(shape, "_relabelled", lambda job, views, region, label, placements: label)
+    monkeypatch.setattr(shape, "_where_it_stood", lambda *_: np.where(label == 2, 0, label))
+    job: Any = None
+    unsure = np.full(20, -1)
+    found, placements, _ = shape._settled(job, None, None, (label, unsure), Placements(label, NOTHING), times, [])  # type: ignore[arg-type]
+    assert not found.any() and len(placements) == 1 and solved == [[8, 6, 6], [20]]

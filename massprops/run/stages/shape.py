@@ -126,7 +126,7 @@ def _settled(
         divided: what these features say.
         times: (n,) when each image was taken.
     """
-    from massprops.capture.placements import agreed_between_pauses, small_ones_filled
+    from massprops.capture.placements import agreed_between_pauses, small_ones_filled, without_return
     from massprops.dense.region import region_of
 
     label, sure = labels
@@ -138,7 +138,7 @@ def _settled(
         return agreed_between_pauses(label, np.where(sure >= 0, sure, hidden), times)
 
     def by_place(label: np.ndarray, placements: list[dict[str, Any]]) -> np.ndarray:
-        return _where_it_stood(job, views, region, label, placements, divided)
+        return without_return(_where_it_stood(job, views, region, label, placements, divided), times)
 
     def by_neighbours(label: np.ndarray, placements: list[dict[str, Any]]) -> np.ndarray:
         return small_ones_filled(label, times, LEAST_VIEWS)
