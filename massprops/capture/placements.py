@@ -144,7 +144,7 @@ def fill_undecided(label: np.ndarray, timestamp_ns: np.ndarray | None = None) ->
 
     Args:
         label: (n,) of `divide`.
-        timestamp_ns: (n,) when each was taken, not positive where nobody knows.
+        timestamp_ns: (n,) when each was taken, negative where nobody knows.
     """
     out = label.copy()
     decided = np.flatnonzero(label >= 0)
@@ -181,9 +181,9 @@ def without_return(label: np.ndarray, timestamp_ns: np.ndarray | None) -> np.nda
 
     Args:
         label: (n,) of `divide` or `divide_by_occlusion`, -1 where undecided.
-        timestamp_ns: (n,) when each was taken, not positive where nobody knows; then the order is not known, either.
+        timestamp_ns: (n,) when each was taken, negative where nobody knows; then the order is not known, either.
     """
-    if timestamp_ns is None or (timestamp_ns <= 0).any():
+    if timestamp_ns is None or (timestamp_ns < 0).any():
         return label
     decided = label[label >= 0]
     starts = np.flatnonzero(np.diff(decided, prepend=-1))
@@ -225,7 +225,7 @@ def agreed_between_pauses(label: np.ndarray, other: np.ndarray, timestamp_ns: np
 
     Args:
         label: (n,) before, -1 where undecided.
-        timestamp_ns: (n,) when each was taken, not positive where nobody knows.
+        timestamp_ns: (n,) when each was taken, negative where nobody knows.
     """
     out, cuts = other.copy(), _after_pauses(timestamp_ns, len(label))
     for begin, end in pairwise([0, *cuts, len(label)] if cuts else []):
@@ -248,7 +248,7 @@ def _after_pauses(timestamp_ns: np.ndarray | None, n: int) -> list[int]:
 
 def _long_pauses(timestamp_ns: np.ndarray | None, before: int, after: int) -> list[int] | None:
     """Those of images `before` to `after` that a long pause follows; None where nobody knows."""
-    if timestamp_ns is None or (timestamp_ns <= 0).any():
+    if timestamp_ns is None or (timestamp_ns < 0).any():
         return None
     pause = np.diff(timestamp_ns).astype(float)
     usual = max(float(np.median(pause)), 1.0)
@@ -263,7 +263,7 @@ def divide_at_pauses(shared: np.ndarray, direction: np.ndarray, timestamp_ns: np
 
     Args:
         shared: (n, n) of `shared_features`; direction: (n, 3) unit, from the object to each camera.
-        timestamp_ns: (n,) when each was taken, not positive where nobody knows.
+        timestamp_ns: (n,) when each was taken, negative where nobody knows.
     """
     n = len(shared)
     _, like = _pairs_of_like_direction(direction)
@@ -429,7 +429,7 @@ def find_placements(
         centres: (n, 3) of the cameras.
         region: that the cameras look at.
         seed: of the plane's draws.
-        timestamp_ns: (n,) when each image was taken, not positive where nobody knows.
+        timestamp_ns: (n,) when each image was taken, negative where nobody knows.
     """
     own = on_object(xyz, centres, region.centre, region.radius, seed)
     shared = shared_features(len(centres), obs_view, obs_point, own)

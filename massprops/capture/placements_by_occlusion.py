@@ -44,7 +44,7 @@ def divide_by_occlusion(grid: Voxels, maps: Occlusion, timestamp_ns: np.ndarray 
 
     Args:
         grid: what n views say of the space above the support, in the order of capture; maps: of these views.
-        timestamp_ns: (n,) when each was taken, not positive where nobody knows: where a few pauses are much longer than
+        timestamp_ns: (n,) when each was taken, negative where nobody knows: where a few pauses are much longer than
             the others, the object was moved in one of them.
     """
     everyone = np.arange(len(grid.shown))
@@ -79,7 +79,7 @@ def _cuts(part: np.ndarray, timestamp_ns: np.ndarray | None) -> tuple[list[int],
     """Where images `part` (consecutive) may be divided: at long pauses where there are some, else anywhere; and whether
     there are."""
     anywhere = list(range(LEAST_IMAGES, len(part) - LEAST_IMAGES + 1))
-    if timestamp_ns is None or (timestamp_ns[part] <= 0).any():
+    if timestamp_ns is None or (timestamp_ns[part] < 0).any():
         return anywhere, False
     pause = np.diff(timestamp_ns[part])
     long = [cut for cut in anywhere if pause[cut - 1] > PAUSE * max(float(np.median(pause)), 1.0)]
