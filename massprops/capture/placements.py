@@ -8,13 +8,14 @@ features show two placements.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
 from massprops.dense.region import Region
+from massprops.geometry.vectors import angles_deg
 
 LIKE_DEG = 25.0
 """Angle between two directions of view below which one placement would show the same features."""
@@ -46,17 +47,16 @@ FLAT = 0.012
 @dataclass(frozen=True)
 class Placements:
     """label (n,) int, 0 for the placement that most images show, -1 for an image that shares no feature with any;
-    shared (n, n) features of the object in common; known: whether there were features enough to tell; handled (n,) int, other
-    numbers where features say that hands turned the object in a pause between, all 0 where nobody knows."""
+    handled (n,) int, other numbers where features say that hands turned the object in a pause between; known: whether there were
+    features enough to tell."""
 
     label: np.ndarray
-    shared: np.ndarray
+    handled: np.ndarray
     known: bool = True
-    handled: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
 
     def turned_between(self, one: np.ndarray, other: np.ndarray) -> bool:
         """Whether a pause in which the object was turned parts the images `one` and `other`, (k,) and (m,) of them."""
-        return bool(len(self.handled)) and not np.isin(self.handled[one], self.handled[other]).any()
+        return not np.isin(self.handled[one], self.handled[other]).any()
 
     @property
     def count(self) -> int:
@@ -172,6 +172,11 @@ def fill_undecided(label: np.ndarray, timestamp_ns: np.ndarray | None = None) ->
     return out
 
 
+def timed(timestamp_ns: np.ndarray | None) -> TypeGuard[np.ndarray]:
+    """Whether it is known when each image was taken; timestamp_ns: (n,), negative where nobody knows. A film begins at 0."""
+    return timestamp_ns is not None and not (timestamp_ns < 0).any()
+
+
 def without_return(label: np.ndarray, timestamp_ns: np.ndarray | None) -> np.ndarray:
     """Labels (n,), in the order of capture, in which placements are one where the images show one, another and the first again.
 
@@ -183,7 +188,7 @@ def without_return(label: np.ndarray, timestamp_ns: np.ndarray | None) -> np.nda
         label: (n,) of `divide` or `divide_by_occlusion`, -1 where undecided.
         timestamp_ns: (n,) when each was taken, negative where nobody knows; then the order is not known, either.
     """
-    if timestamp_ns is None or (timestamp_ns < 0).any():
+    if not timed(timestamp_ns):
         return label
     decided = label[label >= 0]
     starts = np.flatnonzero(np.diff(decided, prepend=-1))
@@ -248,7 +253,7 @@ def _after_pauses(timestamp_ns: np.ndarray | None, n: int) -> list[int]:
 
 def _long_pauses(timestamp_ns: np.ndarray | None, before: int, after: int) -> list[int] | None:
     """Those of images `before` to `after` that a long pause follows; None where nobody knows."""
-    if timestamp_ns is None or (timestamp_ns < 0).any():
+    if not timed(timestamp_ns):
         return None
     pause = np.diff(timestamp_ns).astype(float)
     usual = max(float(np.median(pause)), 1.0)
@@ -290,7 +295,7 @@ def _largest_first(label: np.ndarray) -> np.ndarray:
 
 def _pairs_of_like_direction(direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Angle (n, n) between directions of view (n, 3) [deg], and (n, n) bool, two images from like directions."""
-    angle = np.degrees(np.arccos(np.clip(direction @ direction.T, -1, 1)))
+    angle = angles_deg(direction)
     return angle, (angle < LIKE_DEG) & ~np.eye(len(direction), dtype=bool)
 
 
@@ -410,7 +415,7 @@ def given_placements(footage: dict[str, Any], names: Sequence[str]) -> Placement
     if not of:
         return None
     own = np.array([of[name] for name in names], int)
-    return Placements(_largest_first(own), np.zeros((len(own), len(own))))
+    return Placements(_largest_first(own), np.zeros(len(own), int))
 
 
 def find_placements(
@@ -437,7 +442,7 @@ def find_placements(
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     handled = divide_at_pauses(shared, direction, timestamp_ns)
     if own.sum() < LEAST_POINTS:
-        return Placements(handled, shared, False, handled)
+        return Placements(handled, handled, known=False)
     label = without_return(divide(shared, direction), timestamp_ns)
     # a plain object shows each image so few that a division of its images among all others stays unseen
-    return Placements(label if label.any() else handled, shared, True, handled)
+    return Placements(label if label.any() else handled, handled)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from massprops.capture.occlusion import LEAST_AGREEMENT, Occlusion, Voxels, explained, hull
-from massprops.capture.placements import PAUSE
+from massprops.capture.placements import PAUSE, timed
 
 LEAST_IMAGES = 8
 """Images of a placement: half of them must make a hull (`occlusion.LEAST_HIDDEN`) and half of them test it."""
@@ -79,8 +79,9 @@ def _cuts(part: np.ndarray, timestamp_ns: np.ndarray | None) -> tuple[list[int],
     """Where images `part` (consecutive) may be divided: at long pauses where there are some, else anywhere; and whether
     there are."""
     anywhere = list(range(LEAST_IMAGES, len(part) - LEAST_IMAGES + 1))
-    if timestamp_ns is None or (timestamp_ns[part] < 0).any():
+    times = None if timestamp_ns is None else timestamp_ns[part]
+    if not timed(times):
         return anywhere, False
-    pause = np.diff(timestamp_ns[part])
+    pause = np.diff(times)
     long = [cut for cut in anywhere if pause[cut - 1] > PAUSE * max(float(np.median(pause)), 1.0)]
     return long or anywhere, bool(long)

@@ -91,7 +91,6 @@ def test_features_join_what_shape_and_paint_leave_open(monkeypatch: pytest.Monke
     """Where there are none, shape decides and is trusted less."""
     over = np.diag([1.0, -1, -1])
     unclear = registered(rival_px=0.8, candidates=((R, T), (over, T)))
-    monkeypatch.setattr("massprops.surface.registration.register", lambda *_: unclear)
 
     def lay(first: Any, second: Any, starts: Any, anywhere: bool) -> Laid:
         return Laid(*starts[1], 1e-8 * np.eye(6), np.zeros(3), 90, 0.3, 200, 5.0)
@@ -103,21 +102,20 @@ def test_features_join_what_shape_and_paint_leave_open(monkeypatch: pytest.Monke
     placed = SimpleNamespace(shape=np.array([[-1.0, 0, 0], [1.0, 0, 0]]), pixel=0.01, middle=np.zeros(3))
     job: Any = SimpleNamespace(seed=0)
     pair: Any = (placed, side)
-    said, turn, _ = _laid(job, pair, pair)
+    said, turn, _ = _laid(job, pair, pair, unclear)
     assert "reason" not in said and said["features"] == 90 and np.array_equal(turn, over)
     assert json.loads(json.dumps(said)) == said
     monkeypatch.setattr("massprops.sfm.across.lay", lambda *_, **__: None)
-    assert "reason" in _laid(job, pair, pair)[0]
-    monkeypatch.setattr("massprops.surface.registration.register", lambda *_: registered())
-    said, turn, _ = _laid(job, pair, pair)
+    assert "reason" in _laid(job, pair, pair, unclear)[0]
+    said, turn, _ = _laid(job, pair, pair, registered())
     assert "reason" not in said and np.array_equal(turn, R)
     assert np.allclose(np.sqrt(np.diag(said["joint"]["covariance"])), 0.01)
     monkeypatch.setattr("massprops.sfm.across.contradicted", lambda *_: True)
-    assert "look alike" in _laid(job, pair, pair)[0]["reason"]
-    monkeypatch.setattr("massprops.surface.registration.register", lambda *_: registered(rival_px=4.8))
-    assert "reason" not in _laid(job, pair, pair)[0], "features of light and shade have no say"
+    assert "look alike" in _laid(job, pair, pair, registered())[0]["reason"]
+    shaped = registered(rival_px=4.8)
+    assert "reason" not in _laid(job, pair, pair, shaped)[0], "features of light and shade have no say"
     monkeypatch.setattr("massprops.sfm.across.lay", lay)
-    said, turn, _ = _laid(job, pair, pair)
+    said, turn, _ = _laid(job, pair, pair, shaped)
     assert said["features"] == 0 and np.array_equal(turn, R), (
         "neither against the outlines nor for a turn beside theirs"
     )
@@ -159,7 +157,6 @@ def test_features_of_one_pattern_on_two_sides_do_not_overrule_outlines(monkeypat
     """As of a part whose plate has one pattern above and below: most features agree the wrong way up."""
     over = R @ np.diag([1.0, -1, -1])
     found = registered(colour=0.5, candidates=((R, T), (over, T)))
-    monkeypatch.setattr("massprops.surface.registration.register", lambda *_: found)
 
     def lay(first: Any, second: Any, starts: Any, anywhere: bool) -> Laid:
         return Laid(*starts[-1], 1e-8 * np.eye(6), np.zeros(3), 90, 0.3, 200, 5.0)
@@ -172,7 +169,7 @@ def test_features_of_one_pattern_on_two_sides_do_not_overrule_outlines(monkeypat
     monkeypatch.setattr(join, "_on_both_shapes", lambda *_: None)
     for excluded, wanted in ((False, over), (True, R)):
         monkeypatch.setattr("massprops.surface.registration.outlines_exclude", lambda *_, e=excluded: e)
-        said, turn, _ = _laid(job, (placed, side), (placed, side))  # type: ignore[arg-type]
+        said, turn, _ = _laid(job, (placed, side), (placed, side), found)  # type: ignore[arg-type]
         assert np.array_equal(turn, wanted) and said["features"] == 90
 
 
@@ -186,7 +183,6 @@ def test_ends_that_look_alike_are_told_by_features_on_both_shapes(
     """As of a toy whose outlines and paint are clear, and of whose features 42 agree with its other end in front."""
     over = R @ np.diag([1.0, -1, -1])
     found = registered(colour=0.5, candidates=((R, T), (over, T)))
-    monkeypatch.setattr("massprops.surface.registration.register", lambda *_: found)
 
     def lay(first: Any, second: Any, starts: Any, anywhere: bool) -> Laid | None:
         if len(starts) > 1:
@@ -200,7 +196,7 @@ def test_ends_that_look_alike_are_told_by_features_on_both_shapes(
     monkeypatch.setattr("massprops.surface.registration.outlines_exclude", lambda *_: False)
     side = SimpleNamespace(beside=lambda *_: side)
     placed, job = SimpleNamespace(support=None), SimpleNamespace(seed=0)
-    said, turn, _ = _laid(job, (placed, side), (placed, side))  # type: ignore[arg-type]
+    said, turn, _ = _laid(job, (placed, side), (placed, side), found)  # type: ignore[arg-type]
     assert np.array_equal(turn, R if taken else over) and said["features"] == (60 if taken else 42)
 
 
@@ -210,7 +206,6 @@ def test_two_ways_up_that_look_alike_are_joined_turned_over(monkeypatch: pytest.
     over = R @ np.diag([1.0, -1, -1])
     turned = registered(rival_px=np.inf, symmetric=True)
     found = registered(colour=0.5, turned=replace(turned, R=over))
-    monkeypatch.setattr("massprops.surface.registration.register", lambda *_: found)
     laid = Laid(R, T, 1e-8 * np.eye(6), np.zeros(3), 144, 0.3, 441, 50.0)
     monkeypatch.setattr("massprops.sfm.across.lay", lambda *_, **__: laid)
     monkeypatch.setattr("massprops.sfm.across.same_surface", lambda *_: same)
@@ -221,7 +216,7 @@ def test_two_ways_up_that_look_alike_are_joined_turned_over(monkeypatch: pytest.
     second.support = np.append(R.T @ up[:3], 0.0)
     warned: list[str] = []
     job: Any = SimpleNamespace(seed=0, warn=warned.append)
-    said, turn, _ = _laid(job, (first, None), (second, None))  # type: ignore[arg-type]
+    said, turn, _ = _laid(job, (first, None), (second, None), found)  # type: ignore[arg-type]
     assert np.array_equal(turn, R if same else over)
     assert said["features"] == (144 if same else 0) and ("alike" in said) is not same
     assert (len(warned) == 0) is same

@@ -10,10 +10,9 @@ from massprops.capture.placements import Placements
 from massprops.run.stages import shape
 
 LABEL = np.repeat([0, 1], 6)
-NOTHING = np.zeros((12, 12))
 
 
-@pytest.mark.parametrize(("handled", "one"), [(LABEL, False), (np.zeros(12, int), True), (np.zeros(0, int), True)])
+@pytest.mark.parametrize(("handled", "one"), [(LABEL, False), (np.zeros(12, int), True)])
 def test_what_hands_turned_in_a_pause_did_not_stand_though_its_paint_lies_where_it_lay(
     monkeypatch: pytest.MonkeyPatch, handled: np.ndarray, one: bool
 ) -> None:
@@ -21,7 +20,7 @@ def test_what_hands_turned_in_a_pause_did_not_stand_though_its_paint_lies_where_
     monkeypatch.setattr(shape, "placement_points", lambda *_: (None, None))
     monkeypatch.setattr("massprops.surface.same_place.colour_correlation", lambda *_: 0.56)
     placements = [{"label": k, "method": "measured"} for k in (0, 1)]
-    divided = Placements(LABEL, NOTHING, True, handled)
+    divided = Placements(LABEL, handled)
     job: Any = SimpleNamespace(out=None)
     unused: Any = None
     found = shape._where_it_stood(job, unused, unused, LABEL, placements, divided)
@@ -43,5 +42,7 @@ def test_what_stood_before_and_after_stood_between(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(shape, "_where_it_stood", lambda *_: np.where(label == 2, 0, label))
     job: Any = None
     unsure = np.full(20, -1)
-    found, placements, _ = shape._settled(job, None, None, (label, unsure), Placements(label, NOTHING), times, [])  # type: ignore[arg-type]
+    found, placements, _ = shape._settled(
+        job, None, None, (label, unsure), Placements(label, np.zeros(20, int)), times, []
+    )  # type: ignore[arg-type]
     assert not found.any() and len(placements) == 1 and solved == [[8, 6, 6], [20]]

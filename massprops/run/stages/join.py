@@ -267,17 +267,16 @@ def _laid_again(
 
 
 def _laid(
-    job: Job, base: tuple[Placed, Side], other: tuple[Placed, Side], found: Registration | None = None
+    job: Job, base: tuple[Placed, Side], other: tuple[Placed, Side], found: Registration
 ) -> tuple[dict[str, Any], np.ndarray, np.ndarray]:
     """What is said of one placement's place on another, with a `reason` where it is not joined; and R and t.
 
     Args:
-        found: how they lie by their silhouettes, where it is known.
+        found: how they lie by their silhouettes.
     """
     from massprops.sfm.across import contradicted
-    from massprops.surface.registration import overlap, register
+    from massprops.surface.registration import overlap
 
-    found = found or register(base[0], other[0], job.seed)
     laid = _by_features(base, other, found)
     said = {**_said(found), "features": 0}
     alike = False
