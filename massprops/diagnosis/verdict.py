@@ -14,6 +14,11 @@ from massprops.diagnosis.hypothesis_fit import HypothesisFit
 def verdict_of(
     base: HypothesisFit, unknowns: tuple[HypothesisFit, ...], tried: list[Candidate]
 ) -> tuple[str, list[Candidate]]:
+    """What the evidence says, and the candidates that it leaves, the one named first.
+
+    Args:
+        base: without another effect; unknowns: with a torque of no named form; tried: with one effect each.
+    """
     something = max([*(u.evidence for u in unknowns), *(c.evidence for c in tried)])
     enough = criteria.BEATS_NOTHING + np.log(1 + len(tried))
     if something < base.evidence + enough:

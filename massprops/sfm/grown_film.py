@@ -30,6 +30,7 @@ FOLLOWED = 3
 
 
 def is_film(footage: FootageRecord) -> bool:
+    """Whether one camera's moving pictures were given."""
     return footage.moving_pictures and not footage.rig
 
 
