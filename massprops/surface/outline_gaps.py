@@ -17,7 +17,7 @@ import numpy as np
 
 from massprops.core.robust import nanmedian
 from massprops.surface.refine import face_normals
-from massprops.surface.silhouette import overlap
+from massprops.surface.silhouette import lit_overlap, overlap
 from massprops.views import Views
 
 FARTHEST = 16.0
@@ -47,7 +47,7 @@ class Gaps:
             all that do: what all views measure too deep alike is as deep there.
         distance: (f,) from the nearest place that an outline shows where the mesh has it [world units], on the same side of a
             thin part; infinite where there is none.
-        overlap: (n,) of each view, as `silhouette.agreement` gives it.
+        overlap: (n,) of each view, as `on_outlines` gives it.
     """
 
     offset: np.ndarray
@@ -57,17 +57,25 @@ class Gaps:
     overlap: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
 
-def outline_gaps(vertices: np.ndarray, faces: np.ndarray, views: Views, masks: list[np.ndarray], reach: float) -> Gaps:
+def outline_gaps(
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    views: Views,
+    masks: list[np.ndarray],
+    reach: float,
+    measured: np.ndarray | None = None,
+) -> Gaps:
     """How far the mesh's outlines lie from the object's.
 
     Args:
         vertices: (v, 3) and faces: (f, 3) of the mesh.
         views: n cameras; masks: n undistorted silhouettes (h, w), 255 object, 0 sky, anything between no evidence.
         reach: distance within which outlines speak for a face [world units].
+        measured: as for `on_outlines`.
     """
     from scipy.spatial import cKDTree
 
-    face, gap, alike = on_outlines(vertices, faces, views, masks)
+    face, gap, alike = on_outlines(vertices, faces, views, masks, measured)
     if len(face) < NEIGHBOURS:
         return Gaps(np.zeros(len(faces)), 0.0, np.zeros(len(faces)), np.full(len(faces), np.inf), alike)
     # the two sides of a plate are different places
@@ -101,17 +109,27 @@ def _spread(apart: np.ndarray) -> float:
 
 
 def on_outlines(
-    vertices: np.ndarray, faces: np.ndarray, views: Views, masks: list[np.ndarray]
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    views: Views,
+    masks: list[np.ndarray],
+    measured: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Faces (k,) on the mesh's outline in some view, how far outside it the object's outline is there (k,) [px], and how much of
-    each view's silhouette the mesh covers (n,), as `silhouette.agreement` gives it."""
+    each view's silhouette the mesh covers (n,), as `silhouette.agreement` gives it.
+
+    Args:
+        measured: (f,) bool, faces that stereo measured, of a body in sunlight before the sky: the silhouettes are compared by
+            `silhouette.lit_overlap`. None: of any other.
+    """
     from massprops.geometry.rasterise import rasterise
 
     found, gaps, alike = [np.zeros(0, int)], [np.zeros(0)], np.zeros(len(masks))
     for i, mask in enumerate(masks):
         drawn = rasterise(vertices, faces, views.K[i], views.R[i], views.t[i], mask.shape[::-1])[1]
-        rim, gap = _gaps(drawn >= 0, mask)
-        alike[i] = overlap(drawn >= 0, mask)
+        body = drawn >= 0
+        rim, gap = _gaps(body, mask)
+        alike[i] = overlap(body, mask) if measured is None else lit_overlap(body, mask, body & measured[drawn])
         found.append(drawn[rim])
         gaps.append(gap)
     return np.concatenate(found), np.concatenate(gaps), alike

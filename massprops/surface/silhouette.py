@@ -180,6 +180,23 @@ def overlap(drawn: np.ndarray, mask: np.ndarray) -> float:
     return np.count_nonzero(own & drawn) / np.count_nonzero((own | drawn) & known) if own.any() else np.nan
 
 
+def lit_overlap(drawn: np.ndarray, mask: np.ndarray, measured: np.ndarray) -> float:
+    """As `overlap`, of a body in sunlight before the sky, whose silhouette ends where its light does.
+
+    The unlit side of a body looks like sky, so sky is no evidence where the body was measured: what stereo saw lit in other
+    images is there. Nor are the silhouette's outermost pixels, which the body fills in part: a thin rod has no others. Parts that
+    were not measured, and all that the silhouette shows besides, count as before.
+
+    Args:
+        measured: (h, w) bool, the drawn body shows a side there that stereo measured.
+    """
+    import cv2
+
+    inner = cv2.erode((mask == 255).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    rim = (mask == 255) & ~inner & ~drawn
+    return overlap(drawn, np.where(rim | ((mask == 0) & measured), np.uint8(128), mask))
+
+
 _View = tuple[np.ndarray, int, int, tuple[float, ...]]
 """Map, width, height and projection matrix, row by row, of a view."""
 

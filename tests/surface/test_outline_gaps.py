@@ -224,3 +224,19 @@ def test_a_fill_that_outlines_show_is_less_uncertain(measured: tuple[Surface, in
         replicates(half, views, Doubts(gaps=Gaps(zero, 0.0, zero, zero + d)))[0][:, 0].std() for d in (0.02, np.inf)
     )
     assert shown < 0.5 * hidden
+
+
+def test_an_unlit_side_that_was_measured_is_no_sky() -> None:
+    """A third of each silhouette is in shade: it counts against a mesh there only where nothing measured it."""
+    vertices, faces = body()
+    views, masks = filmed(vertices, faces)
+    dark = [m.copy() for m in masks]
+    for m in dark:
+        rows, columns = np.nonzero(m)
+        m[rows, columns] = np.where(columns < np.quantile(columns, 1 / 3), 0, 255)
+    measured = np.ones(len(faces), bool)
+    assert outline_gaps(vertices, faces, views, dark, REACH).overlap.max() < 0.75
+    assert outline_gaps(vertices, faces, views, dark, REACH, measured).overlap.min() > 0.99
+    assert outline_gaps(vertices, faces, views, dark, REACH, ~measured).overlap.max() < 0.75
+    # what the silhouettes show besides the mesh counts as before
+    assert outline_gaps(0.8 * vertices, faces, views, masks, REACH, measured).overlap.max() < 0.75

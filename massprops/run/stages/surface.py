@@ -118,7 +118,7 @@ def run(job: Job) -> dict[str, Any]:
     _draw_silhouettes_again(job, surface, views, masks, moving)
     lost = _lost(surface)
     surface, holes = _opened(surface, views, shown) if shown else (surface, NO_HOLES)
-    gaps = _outline_gaps(surface, views, masks, free)
+    gaps = _outline_gaps(surface, views, masks, free, bool(grey))
     doubts = Doubts(_focal_sigma(job), gaps, free, balance is not None and surface.fill is not None, _joints(place))
     rows, lengths = by_shape = replicates(surface, len(views), doubts, seed=job.seed)
     body = integrals_of_body(surface.vertices, surface.faces)
@@ -207,15 +207,17 @@ def _draw_silhouettes_again(job: Job, surface: Surface, views: Views, masks: lis
         silhouettes_again(job, views, (surface.vertices, surface.faces), masks, surface.cloud.xyz)
 
 
-def _outline_gaps(surface: Surface, views: Views, masks: list[np.ndarray], free: bool) -> Gaps:
+def _outline_gaps(surface: Surface, views: Views, masks: list[np.ndarray], free: bool, black: bool) -> Gaps:
     """How far outlines lie from the object's.
 
     Args:
         free: the body tumbles, so what was not measured was never seen lit.
+        black: before a black sky, where the unlit side looks like the sky.
     """
     from massprops.surface.outline_gaps import outline_gaps
 
-    gaps = outline_gaps(surface.vertices, surface.faces, views, masks, _reach(surface))
+    lit = surface.observed if black else None
+    gaps = outline_gaps(surface.vertices, surface.faces, views, masks, _reach(surface), lit)
     if not surface.observed.any():
         # a surface that outlines alone make lies on them
         return replace(gaps, offset=np.zeros(len(surface.faces)), drift=0.0)
