@@ -26,6 +26,7 @@ class Costs:
         shown: (t,) bool, tetrahedra that silhouettes alone show; None where there are none.
         space: (t,) what `inside` holds for each unit of the hull's pull on space in which nothing was measured; None where it is
             not told.
+        before: (t,) likewise what `outside` holds, in front of flat sides that go on; None where none do.
     """
 
     outside: np.ndarray
@@ -34,10 +35,14 @@ class Costs:
     both: np.ndarray
     shown: np.ndarray | None = None
     space: np.ndarray | None = None
+    before: np.ndarray | None = None
 
     def pulled(self, more: float) -> Costs:
         """The same with so much more pull of the hull."""
-        return self if self.space is None or more == 0.0 else replace(self, inside=self.inside + more * self.space)
+        if self.space is None or more == 0.0:
+            return self
+        outside = self.outside if self.before is None else self.outside + more * self.before
+        return replace(self, inside=self.inside + more * self.space, outside=outside)
 
 
 def minimum_cut(tetra: Tetrahedra, costs: Costs) -> np.ndarray:

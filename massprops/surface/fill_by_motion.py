@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,6 +20,18 @@ SHARES = np.linspace(0.0, 1.0, 13)
 """Of the way to the membrane that are tried."""
 FACTORS = (0.1, 0.2, 0.5, 1.0)
 """How much of what `error_modes` states the fill of one body may be off from place to place: that is stated for the worst of many."""
+
+
+class Pull(NamedTuple):
+    """What a cut does with space in which nothing was measured.
+
+    Attributes:
+        strength: of the hull's pull on it, per spacing cubed.
+        straight: flat sides go on, and what lies in front of them is pushed out as strongly.
+    """
+
+    strength: float
+    straight: bool = False
 
 
 @dataclass(frozen=True)
@@ -100,13 +113,13 @@ def tells(cut: Cut, balance: Balance) -> bool:
 class LikelyFill:
     """A pull, the mean share of the way to the membrane under it, and the chance of that pull."""
 
-    pull: float
+    pull: Pull
     membrane: float
     chance: float
 
 
 def balanced(
-    ways: Mapping[float, Ways], usual: float, balance: Balance, shift: np.ndarray | float = 0.0
+    ways: Mapping[Pull, Ways], usual: float, balance: Balance, shift: np.ndarray | float = 0.0
 ) -> list[LikelyFill]:
     """The pulls under which the centre may lie where the motion shows it, the likeliest first.
 

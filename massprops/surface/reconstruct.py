@@ -30,7 +30,8 @@ from massprops.geometry.vectors import sphere
 from massprops.mass.integrals import mesh_integrals
 from massprops.surface.cloud import Cloud, Thinned, thin, without_outliers
 from massprops.surface.cut import Costs, manifold, minimum_cut, surface_faces
-from massprops.surface.fill_by_motion import Balance, Cut, balanced, centre_of, tells, ways_of
+from massprops.surface.fill_by_motion import Balance, Cut, Pull, balanced, centre_of, tells, ways_of
+from massprops.surface.flat_sides import FlatSide, enclosed, flat_sides, in_front
 from massprops.surface.join import joined
 from massprops.surface.outline_fill import filling_outlines
 from massprops.surface.refine import (
@@ -56,9 +57,11 @@ FILL = 0.02
 """Pull of the hull on space that nothing was measured in, per spacing cubed."""
 OFF_HULL = 1.0
 """Points of the cloud farther than this outside the hull [px] are errors of matching."""
-MEASURED, ON_HULL, WITHIN, CONTACT, BESIDE, GUARD, SHOWN = range(7)
+MEASURED, ON_HULL, WITHIN, CONTACT, BESIDE, GUARD, SHOWN, FLAT = range(8)
 """Kinds of points: of the dense cloud, on the silhouettes' hull, inside it, on the plane of support, of the surroundings,
-far outside, and on the hull of what silhouettes alone show."""
+far outside, on the hull of what silhouettes alone show, and where a flat side may go on."""
+STRAIGHT = 0.5
+"""Cost of surface on a flat side that goes on, against that of any other."""
 HOLLOW = 1 / 3
 """Where an unmeasured side is put, from 0 on the cut, which fills up to the hull, to 1 on a membrane. Where the motion of eight
 bodies chose, it was from 0.3 to 1."""
@@ -76,10 +79,12 @@ class Fill:
     Attributes:
         pull: of the hull on it, per spacing cubed.
         membrane: where an unmeasured side is put, from 0 on the cut to 1 on a membrane over the measured rims.
+        straight: flat sides of a free body go on, as `massprops.surface.flat_sides` says.
     """
 
     pull: float = FILL
     membrane: float = HOLLOW
+    straight: bool = True
 
 
 FILLED = Fill()
@@ -88,8 +93,8 @@ STRETCHED = Fill(membrane=1.0)
 """How it is in a still object that no plane bounds: the smallest surface, as far as it reaches all outlines. Of a banana, a screwdriver, a
 padlock and a tin that were turned over (5 to 59 % filled in), volumes that were off by +5.7, +2.2, +4.2 and +0.2 % are off by
 -4.8, -1.5, +3.9 and +0.1 %, and k1 of the banana by .005 in place of .111."""
-PULLS = FILL, 0.0
-"""Of the hull, between which a free body's motion chooses."""
+PULLS = Pull(FILL), Pull(0.0)
+"""Between which a free body's motion chooses; where flat sides go on, also with these."""
 Film = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 """Of vertices (v, 3), faces (f, 3) and which vertices are held (v,): where all are on a film over those."""
 Mesh = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -171,9 +176,12 @@ def reconstruct_surface(
     hull = hull.sparing(thinned.xyz)
     beside = None if surroundings is None else _beside(thinned, surroundings, seed)
     first = fill if isinstance(fill, Fill) else FILLED
-    given = _Given(thinned, hull, views, masks, cloud, moving, seed, beside, first.pull)
+    sides = flat_sides(thinned, hull, views, seed) if first.straight and moving and masks and support is None else []
+    sides = sides if any(side.goes_on.any() for side in sides) else []
+    given = _Given(thinned, hull, views, masks, cloud, moving, seed, beside, Pull(first.pull, bool(sides)), sides)
     progress(2, 5, "first cut")
-    meshes = _meshes(given, (first.pull, *(p for p in PULLS if p != first.pull)))
+    pulls = (given.pull, Pull(FILL)) if sides else (given.pull, *(p for p in PULLS if p != given.pull))
+    meshes = _meshes(given, pulls)
     mesh = next(meshes)[1]
     progress(4, 5, "cut")
     surface = _finished(given, mesh, fill) if isinstance(fill, Fill) else _balanced(given, mesh, meshes, fill)
@@ -181,38 +189,47 @@ def reconstruct_surface(
     return surface
 
 
-def _balanced(given: _Given, mesh: Mesh, others: Iterator[tuple[float, Mesh]], balance: Balance) -> Surface:
+def _balanced(given: _Given, mesh: Mesh, others: Iterator[tuple[Pull, Mesh]], balance: Balance) -> Surface:
     """The surface whose unmeasured sides are filled in so that its centre of mass lies likeliest where the motion shows it.
 
     Args:
         mesh: of the usual pull; others: of other pulls, made where they are asked for.
     """
 
-    def cut_of(mesh: Mesh) -> Cut:
+    def cut_of(mesh: Mesh, pull: Pull) -> Cut:
         vertices, faces, kinds = mesh
-        measured = kinds == MEASURED
-        return Cut(vertices, faces, measured, _hollow(vertices, faces, measured, given.hull.support, 1.0))
+        return Cut(
+            vertices, faces, kinds == MEASURED, _hollow(vertices, faces, _held(kinds, pull), given.hull.support, 1.0)
+        )
 
-    def integrals(pull: float, membrane_share: float) -> np.ndarray:
+    def integrals(pull: Pull, membrane_share: float) -> np.ndarray:
         return mesh_integrals(cuts[pull].at(membrane_share), cuts[pull].faces)
 
-    meshes, cuts = {given.pull: mesh}, {given.pull: cut_of(mesh)}
+    meshes, cuts = {given.pull: mesh}, {given.pull: cut_of(mesh, given.pull)}
+    usual = Fill(given.pull.strength, straight=given.pull.straight)
     if not tells(cuts[given.pull], balance):
-        return _finished(given, mesh, FILLED)
+        return _finished(given, mesh, usual)
     for pull, other in others:
-        meshes[pull], cuts[pull] = other, cut_of(other)
+        meshes[pull], cuts[pull] = other, cut_of(other, pull)
     ways = {pull: ways_of(cut) for pull, cut in cuts.items()}
     likely, tried = balanced(ways, HOLLOW, balance), set[Fill]()
     # taking the noise out of measured sides moves the centre, too, much alike for all ways of filling in
-    while (fill := Fill(likely[0].pull, likely[0].membrane)) not in tried and len(tried) < 3:
+    while (fill := Fill(likely[0].pull.strength, likely[0].membrane, likely[0].pull.straight)) not in tried and len(
+        tried
+    ) < 3:
         tried.add(fill)
-        chosen, cut = fill, cuts[fill.pull]
-        surface = _finished(given, meshes[fill.pull], fill)
-        shift = centre_of(surface.vertices, surface.faces) - centre_of(cut.at(fill.membrane), cut.faces)
+        chosen, pull = fill, likely[0].pull
+        surface = _finished(given, meshes[pull], fill)
+        shift = centre_of(surface.vertices, surface.faces) - centre_of(cuts[pull].at(fill.membrane), cuts[pull].faces)
         likely = balanced(ways, HOLLOW, balance, shift)
-    body = integrals(chosen.pull, chosen.membrane)
-    less_likely = [way for way in likely if way.pull != chosen.pull]
+    body = integrals(pull, chosen.membrane)
+    less_likely = [way for way in likely if way.pull != pull]
     return replace(surface, rivals=tuple((way.chance, integrals(way.pull, way.membrane) - body) for way in less_likely))
+
+
+def _held(kinds: np.ndarray, pull: Pull) -> np.ndarray:
+    """(v,) bool: vertices that no film moves."""
+    return np.isin(kinds, (MEASURED, CONTACT, SHOWN, FLAT) if pull.straight else (MEASURED, CONTACT, SHOWN))
 
 
 def _finished(given: _Given, mesh: Mesh, fill: Fill) -> Surface:
@@ -220,7 +237,7 @@ def _finished(given: _Given, mesh: Mesh, fill: Fill) -> Surface:
     vertices, faces, kinds = mesh
     hull, cloud, h = given.hull, given.cloud, given.thinned.spacing
     support = hull.support
-    measured, fixed = kinds == MEASURED, np.isin(kinds, (MEASURED, CONTACT, SHOWN))
+    measured, fixed = kinds == MEASURED, _held(kinds, Pull(fill.pull, fill.straight and bool(given.sides)))
     film = membrane if given.moving and support is None else least_area
     vertices = _hollow(vertices, faces, fixed, support, fill.membrane, film)
     if given.masks and not given.moving:
@@ -251,13 +268,14 @@ class _Given:
     moving: bool
     seed: int
     beside: Thinned | None
-    pull: float
+    pull: Pull
+    sides: list[FlatSide]
     more: SilhouetteOnly | None = None
 
 
-def _meshes(given: _Given, pulls: Sequence[float]) -> Iterator[tuple[float, Mesh]]:
-    """Each pull of the hull on what was not measured, and the mesh of the body that it leaves, made one by one; pulls after the
-    first may leave none.
+def _meshes(given: _Given, pulls: Sequence[Pull]) -> Iterator[tuple[Pull, Mesh]]:
+    """Each pull on what was not measured, and the mesh of the body that it leaves, made one by one; pulls after the first may leave
+    none.
 
     Once more with what silhouettes show where a first cut left nothing: of what moves freely, parts that protrude, such as booms.
 
@@ -267,7 +285,7 @@ def _meshes(given: _Given, pulls: Sequence[float]) -> Iterator[tuple[float, Mesh
     tetra, kind, costs, inside = _cut_out(given)
     if given.masks:
         # another thing that was measured is no part of the object, though a silhouette may show it
-        every = joined(tetra, costs, inside, moving=True)
+        every = joined(tetra, costs[given.pull.straight], inside, moving=True)
         vertices, faces, _ = _mesh(tetra, kind, every)
         spacing = given.thinned.spacing
         shown = (vertices, faces), given.views, given.masks, given.hull, spacing, given.seed
@@ -276,7 +294,7 @@ def _meshes(given: _Given, pulls: Sequence[float]) -> Iterator[tuple[float, Mesh
             tetra, kind, costs, inside = _cut_out(replace(given, more=more))
     guard = (kind[tetra.corners] == GUARD).any(1)
     for k, pull in enumerate(pulls):
-        own = costs.pulled(pull - given.pull)
+        own = costs[pull.straight].pulled(pull.strength - given.pull.strength)
         label = inside if pull == given.pull else minimum_cut(tetra, own)
         body = manifold(tetra, joined(tetra, own, label, given.moving, bool(given.masks)), guard)
         if body.sum() >= 10:
@@ -285,11 +303,14 @@ def _meshes(given: _Given, pulls: Sequence[float]) -> Iterator[tuple[float, Mesh
             raise NotPossible("surface: no closed body in the dense points; more of the object must be seen")
 
 
-def _cut_out(given: _Given) -> tuple[Tetrahedra, np.ndarray, Costs, np.ndarray]:
-    """Tetrahedra, the kind of each point, costs, and (t,) bool which are inside at least cost."""
+def _cut_out(given: _Given) -> tuple[Tetrahedra, np.ndarray, dict[bool, Costs], np.ndarray]:
+    """Tetrahedra, the kind of each point, costs by whether flat sides go on, and (t,) bool which are inside at least cost."""
     tetra, kind = _tetrahedra(given)
-    costs = _costs(given, tetra, kind)
-    return tetra, kind, costs, minimum_cut(tetra, costs)
+    sight = _sight(given, tetra, kind)
+    costs = {
+        straight: _costs(given, tetra, kind, sight, straight) for straight in (False, True)[: 1 + bool(given.sides)]
+    }
+    return tetra, kind, costs, minimum_cut(tetra, costs[given.pull.straight])
 
 
 def _sound(cloud: Cloud) -> Cloud:
@@ -434,6 +455,7 @@ def _tetrahedra(given: _Given) -> tuple[Tetrahedra, np.ndarray]:
         BESIDE: none if given.beside is None else given.beside.xyz,
         GUARD: guard,
         SHOWN: shown,
+        FLAT: _on_flat_sides(given, tree),
     }
     kind = np.concatenate([np.full(len(p), k) for k, p in parts.items()])
     everything = np.concatenate(list(parts.values()))
@@ -442,6 +464,13 @@ def _tetrahedra(given: _Given) -> tuple[Tetrahedra, np.ndarray]:
         return tetrahedralise(everything), kind
     except QhullError as error:
         raise NotPossible("surface: the dense points lie in one plane; take images from more sides") from error
+
+
+def _on_flat_sides(given: _Given, tree: cKDTree) -> np.ndarray:
+    """(k, 3) places where flat sides may go on, off what was measured."""
+    places = [side.places(side.goes_on) for side in given.sides]
+    every = np.concatenate([given.thinned.xyz[:0], *places])
+    return every[tree.query(every, distance_upper_bound=given.thinned.spacing)[0] > 0.8 * given.thinned.spacing]
 
 
 def _one_per_cell(xyz: np.ndarray, size: np.ndarray) -> np.ndarray:
@@ -454,9 +483,13 @@ def _one_per_cell(xyz: np.ndarray, size: np.ndarray) -> np.ndarray:
     return xyz[np.sort(np.unique(code, return_index=True)[1])]
 
 
-def _costs(given: _Given, tetra: Tetrahedra, kind: np.ndarray) -> Costs:
-    """What the cut pays. Arguments as of `_tetrahedra`, and what it gives."""
-    thinned, hull, views, beside, more = given.thinned, given.hull, given.views, given.beside, given.more
+Sight = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""What `sight_evidence` gives, and (t,) cost of calling outside what lies just behind measured points."""
+
+
+def _sight(given: _Given, tetra: Tetrahedra, kind: np.ndarray) -> Sight:
+    """What lines of sight and measured points say. Arguments as of `_tetrahedra`, and what it gives."""
+    thinned, views, beside = given.thinned, given.views, given.beside
     h, n = thinned.spacing, len(thinned.xyz)
     # After averaging, a point is better than one measurement; neighbours still differ by a part of it.
     soft = np.maximum(0.5 * thinned.sigma, 0.05 * h)
@@ -477,17 +510,31 @@ def _costs(given: _Given, tetra: Tetrahedra, kind: np.ndarray) -> Costs:
     own = tetrahedra_at_depth(tetra, np.arange(n), -thinned.normal, depth)
     confidence = np.minimum(seen, 3) / 3.0
     np.add.at(sure, own[own >= 0], confidence[own >= 0])
+    return into, free, sure
 
+
+def _costs(given: _Given, tetra: Tetrahedra, kind: np.ndarray, sight: Sight, straight: bool) -> Costs:
+    """What the cut pays. Arguments as of `_sight`, what it gives, and whether flat sides go on."""
+    hull, more, h = given.hull, given.more, given.thinned.spacing
+    into, free, sure = sight
     volume = tetra.volume
-    corners = tetra.points[tetra.corners]
-    middle = corners.mean(1)
+    middle = tetra.points[tetra.corners].mean(1)
     sky = hull.value(middle)
+    if straight:
+        # an end that turns away from the Sun looks like sky
+        sky = np.where(enclosed(given.sides, middle), np.minimum(sky, 0.0), sky)
     share = np.cbrt(volume) / h
     outside = np.where(sky > OFF_HULL, 2.0 * np.clip(share, 0.1, 10) ** 2, 0.0)
     guard = (kind[tetra.corners] == GUARD).any(1)
     outside = np.where(guard, 1e6, outside)
     space = np.where((sky <= 0.5) & ~guard, np.minimum(volume / h**3, 2000.0) * np.exp(-free), 0.0)
-    pull = given.pull * space
+    both, before = AREA * np.minimum(tetra.facet_area / h**2, 200.0), None
+    if straight:
+        before = np.where(in_front(given.sides, middle), space, 0.0)
+        space = space - before
+        outside = outside + given.pull.strength * before
+        both = np.where(_on_sides(tetra, kind, given), STRAIGHT * both, both)
+    pull = given.pull.strength * space
     shown = None
     if more is not None:
         own = np.flatnonzero((sky <= 0.5) & ~guard)
@@ -495,5 +542,20 @@ def _costs(given: _Given, tetra: Tetrahedra, kind: np.ndarray) -> Costs:
         pull[own] += gain * np.exp(-free[own])
         shown = np.zeros(len(volume), bool)
         shown[own] = gain > 0
-    both = AREA * np.minimum(tetra.facet_area / h**2, 200.0)
-    return Costs(outside, sure + pull, into, both, shown, space)
+    return Costs(outside, sure + pull, into, both, shown, space, before)
+
+
+def _on_sides(tetra: Tetrahedra, kind: np.ndarray, given: _Given) -> np.ndarray:
+    """(t, 4) bool: facets that lie where a flat side goes on."""
+    own = np.flatnonzero(np.isin(kind, (FLAT, MEASURED)))
+    near, beyond = 0.3 * given.thinned.spacing, (kind == FLAT)[tetra.corners]
+    out = np.zeros(tetra.corners.shape, bool)
+    for side in given.sides:
+        there = np.zeros(len(kind), bool)
+        there[own] = np.abs(side.height(tetra.points[own])) < near
+        there[own] &= side.on(tetra.points[own], side.goes_on | side.measured)
+        flat = there[tetra.corners]
+        for k in range(4):
+            others = [i for i in range(4) if i != k]
+            out[:, k] |= flat[:, others].all(1) & beyond[:, others].any(1)
+    return out
