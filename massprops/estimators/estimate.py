@@ -30,6 +30,7 @@ BREAKS = (ArithmeticError, ValueError, IndexError)
 
 EQUAL = 1e-14
 """Of the cosine of half a turn: rounding."""
+NO_TURN = "all attitudes are the same: the body does not turn"
 MOST_FEATURES, MOST_FEATURES_ONE_CAMERA = 300, 3000
 """Longest tracks used: those of structure from motion are many and short, and each adds to what one camera shows."""
 
@@ -197,6 +198,9 @@ class _Bench:
         from massprops.estimators.known_wheel import model_of_wheel
         from massprops.estimators.start import first_guess
 
+        still, alone = _still(self.problem), not (self.problem.has_tracks or self.problem.has_rates)
+        if still and alone:  # the arithmetic below may or may not break down on this
+            return _NoStart(NO_TURN)
         try:
             whole = first_guess(self.problem)
             self.problem, line = believed(self.problem, whole)
@@ -208,8 +212,8 @@ class _Bench:
         except NotPossible as stop:
             return _NoStart(str(stop))
         except BREAKS as error:
-            if _still(self.problem):
-                return _NoStart("all attitudes are the same: the body does not turn")
+            if still:
+                return _NoStart(NO_TURN)
             return _NoStart(f"its arithmetic broke down ({type(error).__name__}: {excerpt(error)})")
         return replace(whole, early=early_start(self.problem, whole)) if early else whole
 
