@@ -110,14 +110,14 @@ def momentum_inertia(
     used = np.zeros(len(q), bool)
     used[rows[use]] = True
     return Momentum(
-        inertia,
-        at.momentum,
-        information,
-        inverse @ spread @ inverse,
-        problem.noise_share(at),
-        square_mean,
-        used,
-        correlation,
+        inertia=inertia,
+        momentum=at.momentum,
+        information=information,
+        covariance=inverse @ spread @ inverse,
+        noise_share=problem.noise_share(at),
+        square=square_mean,
+        used=used,
+        correlation=correlation,
     )
 
 
@@ -238,7 +238,10 @@ class Conservation:
         residual = h - (Rt @ H[self.block][..., None])[..., 0]
         force = (weight @ residual[..., None])[..., 0]
         blamed = (carried[:, 3:] @ force[..., None])[..., 0]
-        return At(inertia, residual, weight, force, blamed, lever, H, 0.5 * float(np.sum(residual * force)))
+        return At(
+            inertia=inertia, residual=residual, weight=weight, force=force, blamed=blamed, lever=lever, momentum=H,
+            cost=0.5 * float(np.sum(residual * force)),
+        )  # fmt: skip
 
     def score(self, at: At) -> np.ndarray:
         """(n, 5) derivative of each epoch's cost along `DIRECTIONS`, the blamed error of the rates taken off."""

@@ -151,14 +151,14 @@ def agreement(
     x = _climb(slope, off, spread, rng)
     R, scale = _turn(x[:3]), float(np.exp(x[3]))
     return Agreement(
-        scale,
-        R,
-        middle + x[4:] - scale * R @ middle,
-        _agreeing(slope, off, x),
-        tried,
-        found,
-        chance,
-        _log_tail(tried, found, chance),
+        scale=scale,
+        R=R,
+        t=middle + x[4:] - scale * R @ middle,
+        agree=_agreeing(slope, off, x),
+        tried=tried,
+        found=found,
+        chance=chance,
+        log_p=_log_tail(tried, found, chance),
     )
 
 

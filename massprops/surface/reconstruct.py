@@ -171,7 +171,17 @@ def reconstruct_surface(
     hull = hull.sparing(thinned.xyz)
     beside = None if surroundings is None else _beside(thinned, surroundings, seed)
     first = fill if isinstance(fill, Fill) else FILLED
-    given = _Given(thinned, hull, views, masks, cloud, moving, seed, beside, first.pull)
+    given = _Given(
+        thinned=thinned,
+        hull=hull,
+        views=views,
+        masks=masks,
+        cloud=cloud,
+        moving=moving,
+        seed=seed,
+        beside=beside,
+        pull=first.pull,
+    )
     progress(2, 5, "first cut")
     meshes = _meshes(given, (first.pull, *(p for p in PULLS if p != first.pull)))
     mesh = next(meshes)[1]

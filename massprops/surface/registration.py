@@ -132,7 +132,17 @@ def placed(
     own = extent(hull, shape)
     rng = np.random.default_rng([seed, 32])
     rims, every = (rim_rays(views, masks, own, RIMS, rng, touches) for touches in (TOUCHES, MOST))
-    return Placed(cloud, colour, own, rims, middle, shape, hull.pixel, every.rim_error(own), support=support)
+    return Placed(
+        cloud=cloud,
+        colour=colour,
+        extent=own,
+        rims=rims,
+        middle=middle,
+        shape=shape,
+        pixel=hull.pixel,
+        rim_error=every.rim_error(own),
+        support=support,
+    )
 
 
 def with_silhouettes(side: Placed, views: Views, masks: list[np.ndarray], seed: int = 0) -> Placed:
@@ -257,18 +267,18 @@ def _registration(both: _Pair, answers: list[_Answer]) -> Registration:
     alike = [a for a in others if a in same]
     rivals = [a.outside for a in others if a not in alike]
     return Registration(
-        best.R,
-        best.t,
-        best.outside,
-        min(rivals, default=np.inf),
-        best.colour,
-        max((a.colour for a in others if a.outside < LARGEST_PAINTED), default=min(best.colour, 0.0)),
-        noise,
-        both.covariance(best),
-        any(a.outside < worse(best.outside) for a in alike),
-        0.5 * (first.rim_error + second.rim_error),
-        _candidates(best, answers),
-        _turned(both, best, answers),
+        R=best.R,
+        t=best.t,
+        outside_px=best.outside,
+        rival_px=min(rivals, default=np.inf),
+        colour=best.colour,
+        rival_colour=max((a.colour for a in others if a.outside < LARGEST_PAINTED), default=min(best.colour, 0.0)),
+        colour_noise=noise,
+        covariance=both.covariance(best),
+        symmetric=any(a.outside < worse(best.outside) for a in alike),
+        own_px=0.5 * (first.rim_error + second.rim_error),
+        candidates=_candidates(best, answers),
+        turned=_turned(both, best, answers),
     )
 
 

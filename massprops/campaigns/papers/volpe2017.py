@@ -150,7 +150,16 @@ def _run(c: dict[str, Any], truth: dict[str, np.ndarray], seed: int) -> dict[str
     ranges = np.linalg.norm(truth["r"], axis=1) + c["sigma_range_m"] * rng.standard_normal(len(C))
     start = _start(c, truth, uv[0], rng)
     lens, orbit = np.array([c["focal_px"], c["focal_px"], 0.0, 0.0]), on_circular_orbit(c["orbit_radius_m"])
-    data = RangeData(truth["times"], lens, uv, sigma_px, ranges, c["sigma_range_m"], orbit, truth["camera"])
+    data = RangeData(
+        times=truth["times"],
+        intrinsics=lens,
+        uv=uv,
+        sigma_px=sigma_px,
+        ranges=ranges,
+        sigma_range=c["sigma_range_m"],
+        environment=orbit,
+        camera=truth["camera"],
+    )
     begin, at = start, 0
     if c["batch_windows"]:
         *windows, n = c["batch_windows"]

@@ -164,14 +164,14 @@ def scored(case: Case, found: Fit, added: tuple[Added, ...]) -> Scored:
         sigma[module.NAME] = own
         implausible = implausible or _implausible(module, values, own, case)
     return Scored(
-        added,
-        found,
-        float(np.sqrt(ms)),
-        float(np.sqrt(mean_square(held))) if case.held.count else float("nan"),
-        whiteness(r, case.fitted, case.problem.rate_memory),
-        float(bic) if usable and np.isfinite(bic) else np.inf,
-        sigma,
-        implausible,
+        added=added,
+        fit=found,
+        fitted=float(np.sqrt(ms)),
+        held=float(np.sqrt(mean_square(held))) if case.held.count else float("nan"),
+        white=whiteness(r, case.fitted, case.problem.rate_memory),
+        bic=float(bic) if usable and np.isfinite(bic) else np.inf,
+        sigma=sigma,
+        implausible=implausible,
     )
 
 

@@ -102,16 +102,16 @@ def setup(problem: Problem, prior: Prior, start: Any, most: int = MOST_FEATURES)
     # imu0 and the tracks need not share body axes
     sensors = (told, not seen.points and problem.has_rates, seen.points and problem.has_range)
     return Setup(
-        state,
-        seen.chosen,
-        _noise(problem, prior, start),
-        first,
-        seen.points,
-        sensors,
-        np.sqrt(np.einsum("ai,ij,aj->a", by_k, turning[6:, 6:], by_k)),
-        (TRACKS_SHARE, 1.0 - TRACKS_SHARE) if seen.points and told else (1.0, 1.0),
-        float(np.sqrt(np.mean(np.sum(seen.features**2, axis=1)))) if seen.points else 0.0,
-        tuple(start.warnings),
+        state=state,
+        chosen=seen.chosen,
+        noise=_noise(problem, prior, start),
+        first=first,
+        points=seen.points,
+        sensors=sensors,
+        k_sigma=np.sqrt(np.einsum("ai,ij,aj->a", by_k, turning[6:, 6:], by_k)),
+        share=(TRACKS_SHARE, 1.0 - TRACKS_SHARE) if seen.points and told else (1.0, 1.0),
+        size=float(np.sqrt(np.mean(np.sum(seen.features**2, axis=1)))) if seen.points else 0.0,
+        warnings=tuple(start.warnings),
     )
 
 
