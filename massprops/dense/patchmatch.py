@@ -33,7 +33,7 @@ DY = np.repeat(_GRID, SIDE).astype(np.float32)
 BEST = 3
 WORST = 2.0
 """Cost of a plane that cannot be judged; 1 - NCC is at most 2."""
-SURE = 0.01
+ROUNDING = 0.01
 """Room for rounding, by which a cost that ends below 0 could be better than what is known of it."""
 LEAST_WEIGHT = 0.2
 """Share of a window that must look like its middle in both images."""
@@ -318,7 +318,7 @@ def _cost(
             each[s] = _ncc_cost(total_, o1, o2, s1, s2, cross)
         total += each[s]
         most = max(most, each[s])
-        worse = total - (count - best) * most > best * (limit + SURE)  # what is not counted is at most the worst
+        worse = total - (count - best) * most > best * (limit + ROUNDING)  # what is not counted is at most the worst
         if worse:
             break
     total = WORST * best if worse else 0.0

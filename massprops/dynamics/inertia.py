@@ -78,7 +78,7 @@ def is_physical(moments: np.ndarray, slack: float = 1e-12) -> bool:
     return bool(low > 0 and low + middle >= high * (1 - slack))
 
 
-def physical(inertia: np.ndarray, least: float = LEAST_PART) -> np.ndarray:
+def project_to_physical(inertia: np.ndarray, least: float = LEAST_PART) -> np.ndarray:
     """The nearest body of trace 1 with positive moments that meet the triangle inequalities.
 
     Those hold together exactly when Sigma = tr(I)/2 - I, the second moments of mass, is positive definite.

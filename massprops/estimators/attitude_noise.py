@@ -27,7 +27,7 @@ EVIDENCE = 4.0
 """Log-likelihood by which correlated errors must explain the residuals better than white ones."""
 
 
-def believed(problem: Problem, start: Any) -> tuple[Problem, str]:
+def with_correlated_noise(problem: Problem, start: Any) -> tuple[Problem, str]:
     """The problem with attitudes' sigmas as wide as they deserve, and one line that says so; as it was, and nothing, where
     their errors are white or too few.
 

@@ -193,7 +193,7 @@ class _Bench:
         """`first_guess` of the problem, with its early part where a method begins there; the reason when it cannot be
         had, for methods that need none. Attitudes whose errors hang together are believed less from here on, and a known
         wheel is the model where the user gave none."""
-        from massprops.estimators.attitude_noise import believed
+        from massprops.estimators.attitude_noise import with_correlated_noise
         from massprops.estimators.filters.begin import early_start
         from massprops.estimators.known_wheel import model_of_wheel
         from massprops.estimators.start import first_guess
@@ -203,7 +203,7 @@ class _Bench:
             return _NoStart(NO_TURN)
         try:
             whole = first_guess(self.problem)
-            self.problem, line = believed(self.problem, whole)
+            self.problem, line = with_correlated_noise(self.problem, whole)
             if line:
                 whole = first_guess(self.problem)
                 whole = replace(whole, warnings=(*whole.warnings, line))

@@ -15,7 +15,7 @@ import numpy as np
 from massprops.core.compiling import compiled
 from massprops.core.levenberg_marquardt import Damping, damped_step, descend
 from massprops.dynamics.chaser_path import chaser_path
-from massprops.dynamics.inertia import DIRECTIONS, physical
+from massprops.dynamics.inertia import DIRECTIONS, project_to_physical
 from massprops.dynamics.quaternion import (
     conjugate,
     from_rotation_vector,
@@ -27,7 +27,7 @@ from massprops.estimators import free_path
 from massprops.model.problem import Problem
 
 FEWEST = 8
-DOUBT = 0.15
+INERTIA_SIGMA = 0.15
 """1-sigma of the inertia's directions (trace 1) before the fit."""
 LARGEST_TURN = 0.1
 OUTLIER = 6.0
@@ -153,7 +153,7 @@ def left_by(times: np.ndarray, values: np.ndarray, sigma: np.ndarray, guess: Gue
 def _fitted(times: np.ndarray, values: np.ndarray, sigma: np.ndarray, guess: Guess) -> Found | None:
     """Least squares, derivatives by differences, outliers weighed down: guess, residual, covariance (11, 11)."""
     gauge = 1e12 if values.shape[1] == 3 else 0.0  # rates say nothing of the attitude
-    prior = np.array([gauge] * 3 + [0.0] * 3 + [1.0 / DOUBT**2] * 5)
+    prior = np.array([gauge] * 3 + [0.0] * 3 + [1.0 / INERTIA_SIGMA**2] * 5)
     weight, normal = np.ones(len(times)), np.eye(11)
 
     def linearise(at: Guess) -> tuple[float, tuple[np.ndarray, np.ndarray]]:
@@ -167,7 +167,7 @@ def _fitted(times: np.ndarray, values: np.ndarray, sigma: np.ndarray, guess: Gue
 
     def step(at: Guess, equations: tuple[np.ndarray, np.ndarray], damping: float) -> tuple[float, Guess]:
         q, w, inertia = moved(at, damped_step(*equations, damping))
-        trial = q, w, physical(inertia)
+        trial = q, w, project_to_physical(inertia)
         return _cost(_residuals(times, values, [trial])[0] / sigma[:, None], weight, trial, prior), trial
 
     for found in descend(guess, linearise, step, STEPS, Damping(1e-4, lowered=8.0, least=1e-12, tries=8)):

@@ -13,7 +13,7 @@ import numpy as np
 
 from massprops.core.levenberg_marquardt import Damping, damped_step, descend
 from massprops.core.linalg import inverse_of
-from massprops.dynamics.inertia import DIRECTIONS, LEAST_PART, physical, principal_axes, ratio_derivatives
+from massprops.dynamics.inertia import DIRECTIONS, LEAST_PART, principal_axes, project_to_physical, ratio_derivatives
 from massprops.dynamics.quaternion import rotation_matrix
 from massprops.estimators.rates import LocalFit
 from massprops.geometry.vectors import skew
@@ -96,7 +96,9 @@ def momentum_inertia(
         return None
     place = np.zeros(len(rows), int) if block is None else np.unique(block[rows], return_inverse=True)[1]
     use = _plausible(w)
-    starts = [physical(plain_inertia(q[rows][use], w[use]), 0.02), np.eye(3) / 3.0] if first is None else [first]
+    starts = (
+        [project_to_physical(plain_inertia(q[rows][use], w[use]), 0.02), np.eye(3) / 3.0] if first is None else [first]
+    )
     every = Conservation(R, w, P, place)
     inertia, use = _without_outliers(every, use, starts)
     problem = every.of(use)
@@ -165,7 +167,7 @@ def _least(problem: Conservation, inertia: np.ndarray) -> At:
 
     def step(at: At, equations: tuple[np.ndarray, np.ndarray], damping: float) -> tuple[float, At]:
         trial = at.inertia + np.einsum("a,aij->ij", damped_step(*equations, damping), DIRECTIONS)
-        new = problem.at(physical(trial) if np.linalg.eigvalsh(trial)[2] >= 0.5 - LEAST_PART / 2 else trial)
+        new = problem.at(project_to_physical(trial) if np.linalg.eigvalsh(trial)[2] >= 0.5 - LEAST_PART / 2 else trial)
         return new.cost, new
 
     at = problem.at(inertia)

@@ -13,7 +13,7 @@ from massprops.dynamics.sensitivities import sensitivities
 from massprops.dynamics.translation import in_rows, ways
 from massprops.model.measurements import Measurements
 from massprops.model.problem import Problem
-from massprops.model.state import BatchState, inertia_directions
+from massprops.model.state import BODY_SIZE, INERTIA, PLACE, RATE, TURN, VELOCITY, BatchState, inertia_directions
 from massprops.sensing.predict import Motion, camera_turn, image, in_chaser, pixel_slopes
 
 
@@ -172,10 +172,11 @@ class Slopes:
             environment,
         )
         nm = len(pm)
-        self.sensed_from = 17 + nm
-        self.size = 17 + nm + len(state.model.flat(False))
-        self.turn_columns = np.r_[0:6, 12:17, 17 : 17 + nm]
-        self.path_columns = np.r_[6:12, 17 : 17 + nm]
+        self.sensed_from = BODY_SIZE + nm
+        self.size = self.sensed_from + len(state.model.flat(False))
+        effects = slice(BODY_SIZE, self.sensed_from)
+        self.turn_columns = np.r_[TURN, RATE, INERTIA, effects]
+        self.path_columns = np.r_[PLACE, VELOCITY, effects]
 
 
 def _of_tracks(
@@ -193,12 +194,12 @@ def _of_tracks(
         path += slopes.velocity @ at.dv[e]
     # column by column of `turn_columns` and `path_columns` this takes several times as long
     J = np.empty((len(m.uv), 2, by.size))
-    J[:, :, :6], J[:, :, 6:12], J[:, :, 12:17] = turn[:, :, :6], path[:, :, :6], turn[:, :, 6:11]
-    J[:, :, 17:own] = turn[:, :, 11:] + path[:, :, 6:]
+    J[:, :, :6], J[:, :, 6:12], J[:, :, INERTIA] = turn[:, :, :6], path[:, :, :6], turn[:, :, 6:11]
+    J[:, :, BODY_SIZE:own] = turn[:, :, 11:] + path[:, :, 6:]
     for effect, place, _ in model.active:
         if hasattr(effect, "shift"):
             for k, way in enumerate(ways(effect.shift, problem.times, pm[place])):
-                J[:, :, 17 + place.start + k] += np.einsum("oij,oj->oi", slopes.point, way[e])
+                J[:, :, BODY_SIZE + place.start + k] += np.einsum("oij,oj->oi", slopes.point, way[e])
     J[:, :, own:] = slopes.effect
     J /= m.sigma[:, None, None]
     return (m.uv - slopes.uv) / m.sigma[:, None], J, slopes.point / m.sigma[:, None, None]

@@ -96,7 +96,7 @@ class Agreement:
     log_p: float
 
     @property
-    def believed(self) -> bool:
+    def beyond_chance(self) -> bool:
         """Whether it is no chance."""
         return self.log_p < np.log(CHANCE) and self.found >= LEAST_POINTS // 2
 

@@ -30,7 +30,7 @@ from massprops.geometry.vectors import sphere
 from massprops.mass.integrals import mesh_integrals
 from massprops.surface.cloud import Cloud, Thinned, thin, without_outliers
 from massprops.surface.cut import Costs, manifold, minimum_cut, surface_faces
-from massprops.surface.fill_by_motion import Balance, Cut, balanced, centre_of, tells, ways_of
+from massprops.surface.fill_by_motion import Balance, Cut, balanced, centre_of, fill_centres, tells
 from massprops.surface.join import joined
 from massprops.surface.outline_fill import filling_outlines
 from massprops.surface.refine import (
@@ -211,7 +211,7 @@ def _balanced(given: _Given, mesh: Mesh, others: Iterator[tuple[float, Mesh]], b
         return _finished(given, mesh, FILLED)
     for pull, other in others:
         meshes[pull], cuts[pull] = other, cut_of(other)
-    ways = {pull: ways_of(cut) for pull, cut in cuts.items()}
+    ways = {pull: fill_centres(cut) for pull, cut in cuts.items()}
     likely, tried = balanced(ways, HOLLOW, balance), set[Fill]()
     # taking the noise out of measured sides moves the centre, too, much alike for all ways of filling in
     while (fill := Fill(likely[0].pull, likely[0].membrane)) not in tried and len(tried) < 3:

@@ -79,10 +79,10 @@ def test_ratios_and_moments_do_not_depend_on_the_axes_nor_on_the_scale(I: np.nda
 @quickly
 @given(arrays((3, 3), 3.0), rotations())
 def test_the_nearest_body_can_be_and_turns_with_its_axes(M: np.ndarray, R: np.ndarray) -> None:
-    near = algebra.physical(M + M.T)
+    near = algebra.project_to_physical(M + M.T)
     assert algebra.is_physical(np.linalg.eigvalsh(near)) and np.isclose(np.trace(near), 1.0)
-    np.testing.assert_allclose(algebra.physical(near), near, atol=1e-12)
-    np.testing.assert_allclose(algebra.physical(R @ (M + M.T) @ R.T), R @ near @ R.T, atol=1e-6)
+    np.testing.assert_allclose(algebra.project_to_physical(near), near, atol=1e-12)
+    np.testing.assert_allclose(algebra.project_to_physical(R @ (M + M.T) @ R.T), R @ near @ R.T, atol=1e-6)
 
 
 @quickly

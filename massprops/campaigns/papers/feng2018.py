@@ -17,7 +17,7 @@ from massprops.campaigns.consistency import consistency
 from massprops.campaigns.papers._seeds import each_seed, percentiles, stereo_pair
 from massprops.core.linalg import normalised_square
 from massprops.dynamics.alignment import q_method
-from massprops.dynamics.inertia import physical, ratios
+from massprops.dynamics.inertia import project_to_physical, ratios
 from massprops.dynamics.quaternion import (
     angle_between,
     conjugate,
@@ -171,11 +171,11 @@ def _paper_chain(
     w = rotate(conjugate(q_body), spin)
     spread = _chain_covariance(arm, covariance, spin, square, c["sigma_velocity_px_s"] / c["sigma_px"], q_body)
     plain = _fixed_first(q_body, w)
-    weighted = momentum_inertia(q_body, w, spread, first=physical(plain))
+    weighted = momentum_inertia(q_body, w, spread, first=project_to_physical(plain))
     row = {
         "paper_attitude_max": 100 * float(angle_between(q_body, truth["q"]).max()),
         "paper_rate_max": 100 * float(_share(w - truth["w"], truth["w"]).max()),
-        "paper_inertia_plain": _inertia_error(physical(plain), truth["inertia"]),
+        "paper_inertia_plain": _inertia_error(project_to_physical(plain), truth["inertia"]),
     }
     if weighted is not None:
         row["paper_inertia_weighted"] = _inertia_error(weighted.inertia, truth["inertia"])

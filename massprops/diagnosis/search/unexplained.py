@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from massprops.diagnosis.search.case import Case
-from massprops.diagnosis.search.refit import Scored
+from massprops.diagnosis.search.refit import FittedModel
 from massprops.diagnosis.search.residual_statistics import mean_square
 from massprops.dynamics.quaternion import rotate, rotation_matrix
 from massprops.effects import Parameter
@@ -45,7 +45,7 @@ def torque_effect(knots: np.ndarray) -> Any:
     )
 
 
-def recovered_torque(case: Case, base: Scored) -> dict[str, Any]:
+def recovered_torque(case: Case, base: FittedModel) -> dict[str, Any]:
     """The torque that would explain the base model's residuals.
 
     The inertia stays as the base model has it: a free torque could stand for any inertia.

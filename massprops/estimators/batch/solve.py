@@ -238,12 +238,12 @@ def robust(r: Residuals, m: Measurements) -> np.ndarray:
 
 
 def _cost(r: Residuals, weights: np.ndarray, state: BatchState, inertia_prior: InertiaPrior) -> float:
-    value = np.concatenate([believed(state, inertia_prior)[0], *(v for _, v, _ in penalties(state))])
+    value = np.concatenate([prior_residuals(state, inertia_prior)[0], *(v for _, v, _ in penalties(state))])
     # an outlier costs nothing: costs of two fits compare only as far as the same measurements are left out of both
     return 0.5 * float(np.sum(np.where(weights > 0, weights * r.squares, 0.0)) + value @ value)
 
 
-def believed(state: BatchState, inertia_prior: InertiaPrior | None) -> tuple[np.ndarray, np.ndarray]:
+def prior_residuals(state: BatchState, inertia_prior: InertiaPrior | None) -> tuple[np.ndarray, np.ndarray]:
     """Residuals of the belief and their derivatives by the five inertia parameters."""
     if inertia_prior is None:
         return np.zeros(0), np.zeros((0, 5))
@@ -311,7 +311,7 @@ def reduced_equations(
     full = JW.T @ J
     b = JW.T @ linear.value
     if inertia_prior is not None:
-        value, slopes = believed(state, inertia_prior)
+        value, slopes = prior_residuals(state, inertia_prior)
         place = np.flatnonzero(free[12:17])
         at = free[:12].sum() + np.arange(len(place))
         full[np.ix_(at, at)] += slopes[:, place].T @ slopes[:, place]

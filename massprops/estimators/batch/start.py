@@ -9,7 +9,7 @@ import numpy as np
 
 from massprops.dynamics.chaser_path import chaser_path
 from massprops.dynamics.environment import EnvironmentModel
-from massprops.dynamics.inertia import physical
+from massprops.dynamics.inertia import project_to_physical
 from massprops.dynamics.quaternion import from_rotation_matrix, multiply, nearest_rotation, rotation_matrix
 from massprops.dynamics.rigid_body import propagate
 from massprops.errors import NotPossible
@@ -73,7 +73,7 @@ def batch_start(
         q = multiply(q, from_rotation_matrix(turn.T)[None])
         w, moments = w @ turn.T, turn @ moments @ turn.T
         features = None if features is None else features @ turn.T
-    moments = 3.0 * physical(moments)
+    moments = 3.0 * project_to_physical(moments)
     k = _first_steady(start.times, q, w, moments)
     q0, w0 = _back(problem.times[0], start.times[k:], q[k:], w[k:], moments)
     r0, v0 = np.array([0.0, 0.0, 1.0]), np.zeros(3)
