@@ -12,6 +12,8 @@ MISPREDICTED = 1.5
 """Held-out residual over the noise at which a model that fits does not predict."""
 PREDICTS = 1.12
 """Held-out residual over the noise up to which nothing better is looked for."""
+PATH_PREDICTS = 1.1
+"""The same up to which no other path than a free fall beside the chaser is looked for."""
 HINT = 2.0
 """ScoreTest of the correlation between neighbours that hints at structure where a model predicts badly."""
 WORSE = 0.01

@@ -32,8 +32,6 @@ OTHER_PATH = 0.1
 """Fall of BIC per measurement with which the base model shows the path by itself."""
 BETTER_PATH = 0.5
 """Share of the excess mean square that another path must explain to be worth a selection of its own."""
-PREDICTS = 1.1
-"""Residual held out up to which nothing better is looked for."""
 NOISE_INFLATIONS = (8.0, 40.0)
 """Times the stated noise that further guesses allow for."""
 
@@ -229,13 +227,13 @@ def _begin(
 def _on_some_path(case: Case, base: FittedModel, progress: Watch) -> tuple[Case, Selection]:
     """The selection of effects on the path of free fall beside the chaser, or on a straight one where that explains more:
     then one of the two is held in its place, or the record was made so."""
-    from massprops.diagnosis.search.acceptance import explained
+    from massprops.diagnosis.search.acceptance import PATH_PREDICTS, explained
     from massprops.diagnosis.search.event_time import EVIDENCE
     from massprops.diagnosis.search.refit import refit
     from massprops.diagnosis.search.stepwise import lean
     from massprops.dynamics.environment import EnvironmentModel
 
-    if not case.environment.falls or not len(case.fitted.uv) or (explained(base) and not base.held > PREDICTS):
+    if not case.environment.falls or not len(case.fitted.uv) or (explained(base) and not base.held > PATH_PREDICTS):
         return case, _selected(case, base, progress)
     said = (
         "the target moves straight and not as in free fall beside the chaser, so a straight path is used; check the orbit in "
@@ -258,7 +256,7 @@ def _on_some_path(case: Case, base: FittedModel, progress: Watch) -> tuple[Case,
     begun = replace(best.fit.state, points=other_base.fit.state.points)
     # an effect that stood for the wrong path is idle on the right one
     same = lean(other, refit(other, begun, best.added, against=best.fit.cost))
-    if explained(best) and not best.held > PREDICTS:
+    if explained(best) and not best.held > PATH_PREDICTS:
         if explained(same) and same.bic < best.bic - EVIDENCE:
             return other, replace(found, base=other_base, best=same)
         return case, found
