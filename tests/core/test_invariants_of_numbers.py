@@ -108,6 +108,13 @@ def test_the_columns_of_a_table_stand_below_each_other(rows: list[list[str]]) ->
 
 
 @quickly
+@given(st.lists(st.lists(st.text(max_size=9), min_size=1, max_size=3) | st.text("ab", max_size=5), max_size=5))
+def test_a_table_has_a_line_for_each_row_whatever_it_is_given(rows: list[list[str] | str]) -> None:
+    lines = table(("a", "b", "c"), rows)
+    assert len(lines) == 1 + len(rows) and all("\n" not in line and clean(line) == line for line in lines)
+
+
+@quickly
 @given(VALUES)
 def test_plain_values_are_json_and_plain_again(value: object) -> None:
     once = plain(value)
