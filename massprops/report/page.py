@@ -10,6 +10,7 @@ from dataclasses import replace
 from importlib import import_module
 from importlib.resources import files
 from pathlib import Path
+from string import Template
 from types import ModuleType
 from typing import Any
 
@@ -103,12 +104,12 @@ def document(title: str, body: str, links: str = "", subtitle: str = "") -> str:
         f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src {script_source(code)}; "
         "base-uri 'none'; form-action 'none'"
     )
-    below = f'<p class="soft breaks">{text(subtitle)}</p>' if subtitle else ""
-    return (
-        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
-        f'<meta http-equiv="Content-Security-Policy" content="{policy}">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f'<link rel="icon" href="data:,"><title>{text(title)}</title><style>{style}</style></head><body>'
-        f"<header><h1>{text(title)}</h1>{below}<nav>{links}</nav></header><main>{body}</main>"
-        f"{code}</body></html>"
+    return Template(files(__package__).joinpath("page.html").read_text()).substitute(
+        policy=policy,
+        title=text(title),
+        style=style,
+        below=f'<p class="soft breaks">{text(subtitle)}</p>' if subtitle else "",
+        links=links,
+        body=body,
+        code=code,
     )
