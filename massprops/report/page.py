@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import pkgutil
 from collections.abc import Iterable
 from dataclasses import replace
-from importlib import import_module
 from importlib.resources import files
 from pathlib import Path
 from string import Template
@@ -16,6 +14,7 @@ from typing import Any
 
 from massprops.core.files import json_text, write_whole
 from massprops.core.outputs import Outputs, claim
+from massprops.packaged import modules_of
 from massprops.report import sections
 from massprops.report.data import RunData, read_run
 from massprops.report.html import text
@@ -28,8 +27,7 @@ UNREADABLE = "This section could not be made from the run's files"
 
 def all_sections() -> list[ModuleType]:
     """Every module of `sections`, by its ORDER."""
-    found = [import_module(f"{sections.__name__}.{m.name}") for m in pkgutil.iter_modules(sections.__path__)]
-    return sorted(found, key=lambda module: module.ORDER)
+    return sorted(modules_of(sections.__name__), key=lambda module: module.ORDER)
 
 
 def write_report(run: str | Path) -> Path:

@@ -342,7 +342,7 @@ def test_a_body_that_turns_a_radian_a_frame() -> None:
 
 @pytest.mark.bench
 def test_speed() -> None:
-    from massprops.campaigns.papers.kabir2025_speed import _filter_speed
+    from massprops.campaigns.papers._kabir2025_speed import _filter_speed
 
     found = _filter_speed()
     print(found)

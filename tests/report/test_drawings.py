@@ -6,7 +6,7 @@ import numpy as np
 
 from massprops.estimators.methods import own
 from massprops.report.curves import COLOURS, method_style
-from massprops.report.estimates import _bounded, _unreliable, _overlaid, _reliable
+from massprops.report.estimates import _bounded, _overlaid, _reliable, _unreliable
 from massprops.report.html import mark, unit
 from massprops.report.plot import log_plot, plot
 from massprops.report.ratio_plane import ratio_plane

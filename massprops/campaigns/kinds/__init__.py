@@ -22,11 +22,12 @@ from types import ModuleType
 from typing import Any
 
 from massprops.errors import InputError
+from massprops.packaged import names_of
 
 
 def kinds() -> list[str]:
     """Names of the kinds."""
-    return sorted(p.stem for p in Path(__file__).parent.glob("*.py") if not p.stem.startswith("_"))
+    return names_of(__name__)
 
 
 def load_kind(name: str) -> ModuleType:

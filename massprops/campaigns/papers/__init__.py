@@ -4,19 +4,18 @@ A file has `PAPER`, `CASES` (case -> one sentence), `RUNS` (case -> default numb
 whole set-up as plain JSON), `runs(configuration, seeds) -> rows` (one flat row per seed, in order; a failed run is a row
 with `error`; the row of a seed does not depend on the other seeds) and `table(case, rows)` (`title`, `columns`, `rows`,
 `notes`: ours beside the paper's). Optional: `CHUNK` (runs worked on together), `BOXES` (case -> columns to draw),
-`speed()` (a benchmark as a flat dict). Adding a file adds the paper; so does an installed package, by an entry point of the
-group `massprops.papers` whose value is such a module.
+`speed()` (a benchmark as a flat dict). Files whose names begin with an underscore are parts of one. Adding a file adds the
+paper; so does an installed package, by an entry point of the group `massprops.papers` whose value is such a module.
 """
 
 from __future__ import annotations
 
 from functools import cache
 from importlib import import_module
-from pathlib import Path
 from types import ModuleType
 
 from massprops.documents.fields import unknown
-from massprops.packaged import Wanted, faults_by, is_text, packaged, takes
+from massprops.packaged import Wanted, faults_by, is_text, names_of, packaged, takes
 
 SPEED = "speed"
 """Name of the benchmark that a paper's file may have, asked for like a case."""
@@ -34,21 +33,12 @@ WANTED: Wanted = {
 
 def papers() -> list[str]:
     """Names of all papers."""
-    return sorted([*_own(), *_packaged()])
-
-
-def _own() -> list[str]:
-    return [p.stem for p in Path(__file__).parent.glob("*.py") if _is_paper(p)]
+    return sorted([*names_of(__name__), *_packaged()])
 
 
 @cache
 def _packaged() -> dict[str, ModuleType]:
-    return packaged("massprops.papers", faults_by(WANTED), _own(), "PAPER")[0]
-
-
-def _is_paper(path: Path) -> bool:
-    """A paper's file is named for author and year; files with an underscore in their names are parts of one."""
-    return "_" not in path.stem
+    return packaged("massprops.papers", faults_by(WANTED), names_of(__name__), "PAPER")[0]
 
 
 def load_paper(name: str) -> ModuleType:
@@ -57,7 +47,7 @@ def load_paper(name: str) -> ModuleType:
     Raises:
         InputError: there is none of that name.
     """
-    if name in _own():
+    if name in names_of(__name__):
         return import_module(f"{__name__}.{name}")
     if name in _packaged():
         return _packaged()[name]

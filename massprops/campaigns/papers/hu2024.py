@@ -22,8 +22,8 @@ from massprops.campaigns.papers._hu2024_frames import (
     growing_inertia,
     local_rates,
 )
+from massprops.campaigns.papers._hu2024_scores import SYMMETRIES, rms, scores
 from massprops.campaigns.papers._seeds import MU, column, on_circular_orbit, percentiles, stereo_pair
-from massprops.campaigns.papers.hu2024_scores import SYMMETRIES, rms, scores
 from massprops.core.linalg import inverse_of
 from massprops.dynamics.chaser_path import chaser_path
 from massprops.dynamics.kernels import differential_gravity

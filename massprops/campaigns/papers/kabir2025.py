@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from massprops.campaigns.consistency import consistency
-from massprops.campaigns.papers import kabir2025_model as model
+from massprops.campaigns.papers import _kabir2025_model as model
+from massprops.campaigns.papers._kabir2025_setup import POLHODE_S, RATES, configuration, three_periods
+from massprops.campaigns.papers._kabir2025_speed import speed
 from massprops.campaigns.papers._seeds import column, each_seed
-from massprops.campaigns.papers.kabir2025_setup import POLHODE_S, RATES, configuration, three_periods
-from massprops.campaigns.papers.kabir2025_speed import speed
 from massprops.core.robust import rms
 
 __all__ = ["POLHODE_S", "RATES", "configuration", "speed"]

@@ -11,7 +11,7 @@ from massprops.documents.limits import excerpt
 from massprops.errors import InputError
 from massprops.geometry.vectors import unit
 from massprops.sfm.marker_corners import refine
-from massprops.sfm.scale.base import ScaleEstimate, ScaleInputs
+from massprops.sfm.scale._base import ScaleEstimate, ScaleInputs
 from massprops.views import Views
 
 PRINT = 2e-3
