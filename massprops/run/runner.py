@@ -27,6 +27,7 @@ from massprops.core.files import (
     write_whole,
 )
 from massprops.core.log import log
+from massprops.core.messages import HANDLE
 from massprops.core.outputs import BASES, OWN, Outputs, lock_to_pass
 from massprops.core.processes import address_space_hint, child_environment, processors, python_module
 from massprops.documents.loading import load_json, load_yaml
@@ -339,7 +340,7 @@ class _Chain:
         """Starts a stage's process and listens to it until it ends: the process, its last word, what it used."""
         read_end, write_end = os.pipe()
         environment = child_environment(
-            MASSPROPS_PIPE=str(write_end),
+            **{HANDLE: str(write_end)},
             OMP_NUM_THREADS=str(self._threads),
             OMP_WAIT_POLICY="passive",
             OPENBLAS_NUM_THREADS="1",
