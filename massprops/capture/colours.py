@@ -63,7 +63,7 @@ def learn(images: list[np.ndarray], masks: list[np.ndarray]) -> Colours:
 
 
 def agrees(found: np.ndarray, rough: np.ndarray) -> bool:
-    """Whether a corrected silhouette is still the thing that the rough one showed: more than half of each in the other."""
+    """Whether a corrected silhouette (h, w) is still the thing that the rough one (h, w) showed: more than half of each in the other."""
     common = np.count_nonzero(found & rough)
     return bool(2 * common > max(np.count_nonzero(found), np.count_nonzero(rough)))
 

@@ -545,7 +545,7 @@ def paired(images: np.ndarray) -> np.ndarray:
 
 
 def grey_pyramid_half(image: np.ndarray) -> np.ndarray:
-    """Half the size by area, (h // 2, w // 2)."""
+    """The image (h, w) at half its size by area, (h // 2, w // 2)."""
     h, w = image.shape[0] // 2 * 2, image.shape[1] // 2 * 2
     upper, lower = image[:h:2, :w], image[1:h:2, :w]
     four = (upper[:, ::2] + upper[:, 1::2]) + (lower[:, ::2] + lower[:, 1::2])

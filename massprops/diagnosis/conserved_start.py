@@ -43,7 +43,7 @@ class Start:
 
 
 def physical_inertia(inertia: np.ndarray) -> np.ndarray:
-    """The nearest inertia of trace 3 that a body can have."""
+    """The nearest inertia (3, 3) of trace 3 that a body can have."""
     from massprops.dynamics.inertia import project_to_physical
 
     return np.asarray(3.0 * project_to_physical(inertia / np.trace(inertia), LEAST_MOMENT))

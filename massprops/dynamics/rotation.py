@@ -162,7 +162,7 @@ def fastest(w0: np.ndarray, active: ActiveEffects, p: np.ndarray) -> float:
 
 
 def steps_through(times: np.ndarray, speed: float, active: ActiveEffects, p: np.ndarray) -> Steps:
-    """Steps short enough for `speed` [rad/s], ending at every time and event."""
+    """Steps short enough for `speed` [rad/s], ending at every time (n,) [s] and event; p (k,): parameters of all effects."""
     inside = [(t, k) for t, k in event_times(active, p) if times[0] < t < times[-1]]
     ends = np.unique(np.concatenate([times, [t for t, _ in inside]]))
     gaps = np.diff(ends)

@@ -184,7 +184,7 @@ def _fitted(times: np.ndarray, values: np.ndarray, sigma: np.ndarray, guess: Gue
 
 
 def moved(guess: Guess, x: np.ndarray) -> Guess:
-    """A state after a small turn about body axes, a change of rates, and one of the inertia along `DIRECTIONS`."""
+    """A state after a step (11,): a small turn about body axes, a change of rates, and one of the inertia along `DIRECTIONS`."""
     q, w, inertia = guess
     turned = normalise(multiply(q, from_rotation_vector(x[:3])))
     return turned, w + x[3:6], inertia + np.einsum("a,aij->ij", x[6:], DIRECTIONS)

@@ -254,7 +254,7 @@ def _blocks(times: np.ndarray, fit: rates.LocalFit) -> np.ndarray:
 
 
 def within(covariance: np.ndarray, block: np.ndarray) -> np.ndarray:
-    """The turn's covariance counted from the middle of each block, since each has a momentum of its own."""
+    """Covariances (n, 6, 6) with the turn's counted from the middle of each block (n,), since each has a momentum of its own."""
     out = covariance.copy()
     for b in np.unique(block):
         rows = np.flatnonzero(block == b)

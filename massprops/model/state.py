@@ -78,7 +78,7 @@ def second_moment(inertia: np.ndarray) -> np.ndarray:
 
 
 def inertia_of(sigma: np.ndarray) -> np.ndarray:
-    """The inertia of a second moment, scaled to a mean moment of 1."""
+    """The inertia (3, 3) of a second moment (3, 3), scaled to a mean moment of 1."""
     inertia = np.trace(sigma) * np.eye(3) - sigma
     return np.asarray(3.0 * inertia / np.trace(inertia))
 

@@ -288,7 +288,7 @@ def _method(e: Estimate, error: Errors | None) -> str:
 
 
 def thin(n: int) -> np.ndarray:
-    """Indices of at most `MOST_POINTS` of n points, ends kept."""
+    """Indices (k,) of at most `MOST_POINTS` of n points, ends kept."""
     return np.unique(np.linspace(0, n - 1, min(n, MOST_POINTS)).round().astype(int))
 
 

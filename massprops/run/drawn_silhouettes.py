@@ -158,7 +158,7 @@ def drawn_silhouette(image: np.ndarray, views: Views, i: int, shown: Visible) ->
 
 
 def stored(mask: np.ndarray, views: Views, i: int) -> np.ndarray:
-    """A silhouette of `drawn_silhouette` in the geometry of the stored frame."""
+    """A silhouette (h, w) of `drawn_silhouette` in the geometry of the stored frame."""
     lens = tuple(views.size[i]), views.K[i], views.distortion[i]
     out = to_stored(mask == 255, *lens)
     out[(to_stored(mask > 0, *lens) > 0) & (out == 0)] = 128

@@ -134,7 +134,7 @@ class PixelSlopes:
 def pixel_slopes(
     cameras: tuple[Pinhole, ...], seen: Seen, motion: Motion, points: np.ndarray, sensed: Sensed, p: np.ndarray
 ) -> PixelSlopes:
-    """`pixels` with its derivatives."""
+    """`pixels` with its derivatives; points (o, 3) in body axes, p (s,) parameters of the effects."""
     X, body, late = in_chaser(seen, motion, points, sensed, p)
     uv = image(cameras, seen.camera, X, sensed, p)
     G = np.empty((len(X), 2, 3))

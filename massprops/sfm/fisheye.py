@@ -23,7 +23,7 @@ def fisheye_factor(k: np.ndarray, angle: np.ndarray) -> np.ndarray:
 
 
 def widest_angle(k: np.ndarray, radius: float) -> float:
-    """Angle to the axis [rad] that reaches an image radius (over the focal length), `WIDEST` at most."""
+    """Angle to the axis [rad] that reaches an image radius (over the focal length), `WIDEST` at most; k: (4,) coefficients."""
     angle = np.linspace(0.0, WIDEST, 2000)
     reached = angle * fisheye_factor(k, angle)
     beyond = np.flatnonzero((reached > radius) | (np.diff(reached, prepend=-1.0) <= 0))

@@ -224,7 +224,7 @@ class Noise:
 
 
 def panel_lines(points: np.ndarray, spacing: float) -> np.ndarray:
-    """1 on dark lines of a grid in body axes, 0 elsewhere; lines are 4 % of the spacing wide."""
+    """(n,) of points (n, 3): 1 on dark lines of a grid in body axes, 0 elsewhere; lines are 4 % of the spacing wide."""
     if spacing <= 0:
         return np.zeros(len(points), np.float32)
     fraction = np.abs(points / spacing - np.round(points / spacing))

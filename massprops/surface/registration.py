@@ -354,7 +354,7 @@ def drawn_again(found: Registration, fits: Sequence[tuple[Placed, Placed, np.nda
 
 
 def next_answer(found: Registration) -> tuple[np.ndarray, np.ndarray] | None:
-    """The best of the answers, R and t, that turn the body otherwise; None where none was kept."""
+    """The best of the answers, R (3, 3) and t (3,), that turn the body otherwise; None where none was kept."""
     others = (a for a in found.candidates if vectors.turn_deg(a[0], found.R) > APART_DEG)
     return next(others, None)
 

@@ -82,5 +82,5 @@ def scores(
 
 
 def rms(x: np.ndarray) -> float:
-    """Root mean square of values that may be huge."""
+    """Root mean square of values (n,) that may be huge."""
     return float(np.sqrt(np.mean(np.square(np.minimum(x, 1e100)))))

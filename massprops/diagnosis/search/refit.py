@@ -93,7 +93,7 @@ def with_value(state: BatchState, effect: ModuleType, place: int, value: float) 
 
 
 def start_values(case: Case, effect: ModuleType) -> list[np.ndarray]:
-    """Parameter vectors to begin a search with: the effect's own, or zero."""
+    """Parameter vectors (k,) to begin a search with: the effect's own, or zero."""
     offered = effect.starts(case.span, case.speed) if hasattr(effect, "starts") else [np.zeros(len(effect.PARAMETERS))]
     out = []
     for values in offered:

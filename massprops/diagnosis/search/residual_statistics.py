@@ -22,7 +22,7 @@ def _parts(r: Residuals) -> list[tuple[np.ndarray, int]]:
 
 
 def trimmed(squares: np.ndarray, dimension: int) -> float:
-    """Mean square per scalar without the largest, corrected so that normal noise gives 1."""
+    """Mean of squares (n,) of vectors per scalar without the largest, corrected so that normal noise gives 1."""
     from scipy.special import chdtr, gammaincinv  # scipy.stats takes a second to load
 
     if len(squares) < 20:

@@ -13,7 +13,7 @@ from massprops.estimators.batch.track_weights import track_weights, weight_of
 from massprops.model.linearise import Linear, Predicted, Residuals, linearise, predict, residuals
 from massprops.model.measurements import Measurements
 from massprops.model.problem import Problem
-from massprops.model.state import BatchState, inertia_directions, log_shape, moved
+from massprops.model.state import INERTIA, BatchState, inertia_directions, log_shape, moved
 
 MOST_ITERATIONS = 40
 LARGEST_DAMPING = 1e8
@@ -244,7 +244,7 @@ def _cost(r: Residuals, weights: np.ndarray, state: BatchState, inertia_prior: I
 
 
 def prior_residuals(state: BatchState, inertia_prior: InertiaPrior | None) -> tuple[np.ndarray, np.ndarray]:
-    """Residuals of the belief and their derivatives by the five inertia parameters."""
+    """Residuals (r,) of the prior over its 1-sigma and their derivatives (r, 5) by the five inertia parameters; r is 0, 5 or 6."""
     if inertia_prior is None:
         return np.zeros(0), np.zeros((0, 5))
     if inertia_prior.inertia is None:
@@ -255,7 +255,7 @@ def prior_residuals(state: BatchState, inertia_prior: InertiaPrior | None) -> tu
 
 
 def penalties(state: BatchState) -> list[tuple[int, np.ndarray, np.ndarray]]:
-    """For each effect with a penalty: its first place among all parameters, the values, and their derivatives."""
+    """For each effect with a penalty: its first place among all parameters, the values (r,), and their derivatives (r, k)."""
     out, at = [], 17
     for module, values in zip(state.model.modules, state.model.values, strict=True):
         if hasattr(module, "penalty"):
@@ -305,6 +305,11 @@ def reduced_equations(
     state: BatchState,
     inertia_prior: InertiaPrior | None,
 ) -> Reduced:
+    """The normal equations of a step with the feature points eliminated.
+
+    Args:
+        linear: residuals and derivatives over 1-sigma; weights: of each unit of them; free: (size,) bool of `state`'s parameters.
+    """
     w = weights[linear.unit]
     J = linear.shared[:, free]
     JW = J * w[:, None]
@@ -312,8 +317,8 @@ def reduced_equations(
     b = JW.T @ linear.value
     if inertia_prior is not None:
         value, slopes = prior_residuals(state, inertia_prior)
-        place = np.flatnonzero(free[12:17])
-        at = free[:12].sum() + np.arange(len(place))
+        place = np.flatnonzero(free[INERTIA])
+        at = free[: INERTIA.start].sum() + np.arange(len(place))
         full[np.ix_(at, at)] += slopes[:, place].T @ slopes[:, place]
         b[at] += slopes[:, place].T @ value
         for first, off, ways in penalties(state):

@@ -10,7 +10,7 @@ from massprops.estimators.filters.rule import AXES, POINTS, POSITION, VELOCITY, 
 
 
 def axes_in_reference(x: np.ndarray) -> Turn:
-    """The attitude of the measured body frame."""
+    """The attitude of the measured body frame in a state x (19 + 3 m,)."""
     return product(x[3], x[4], x[5], x[6], x[AXES], x[AXES + 1], x[AXES + 2], x[AXES + 3])
 
 

@@ -495,7 +495,7 @@ def _facts(surface: Surface, lost: float, overlap: dict[str, float]) -> dict[str
 
 
 def closed(vertices: np.ndarray, faces: np.ndarray) -> bool:
-    """Whether the mesh is a volume: two faces at each edge, which run along it in opposite directions, and space within."""
+    """Whether a mesh, vertices (v, 3) and faces (f, 3), is a volume: two faces at each edge, which run along it in opposite directions, and space within."""
     one, other = np.asarray(faces, np.int64), np.roll(np.asarray(faces, np.int64), -1, axis=1)
     there, back = (np.sort((a * len(vertices) + b).ravel()) for a, b in ((one, other), (other, one)))
     paired = len(there) > 0 and np.array_equal(there, back) and bool((np.diff(there) > 0).all())
