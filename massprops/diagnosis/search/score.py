@@ -107,7 +107,7 @@ def _scored_together(
     base, _ = _solved(reduced.H, reduced.full, reduced.b, owner < 0)
     # an effect that goes takes a given step: what that does to chi-square, and to the gradient of the others
     goes = owner == -2
-    step = -np.concatenate([np.zeros(17), *(v for _, v, *_ in entries)])[free][goes]
+    step = -np.concatenate([np.zeros(BODY_SIZE), *(v for _, v, *_ in entries)])[free][goes]
     b = reduced.b - reduced.H[:, goes] @ step
     worse -= float((reduced.b[goes] + b[goes]) @ step)
     out = []

@@ -15,6 +15,7 @@ from massprops.diagnosis.search.event_time import EVIDENCE, best_event_time
 from massprops.diagnosis.search.refit import MOST_ITERATIONS, POLISH, Added, FittedModel, near, refit, with_effects
 from massprops.diagnosis.search.residual_statistics import count
 from massprops.effects import has_pace, searched
+from massprops.model.state import BODY_SIZE
 
 MOST_EFFECTS = 2
 """Effects at once that are sought; a third stands beside them only until one of the three is idle."""
@@ -71,12 +72,12 @@ def lean(case: Case, at: FittedModel) -> FittedModel:
 
 def _needed(s: FittedModel, a: Added) -> float:
     """By how much chi-square would rise without an effect, to second order (Wald's test)."""
-    own, at = np.zeros(len(s.fit.free), bool), 17
+    own, at = np.zeros(len(s.fit.free), bool), BODY_SIZE
     for module in s.fit.state.model.modules:
         for i, q in enumerate(module.PARAMETERS):
             own[at + i] = module is a.effect and q.kind == "number"
         at += len(module.PARAMETERS)
-    values = np.concatenate([np.zeros(17), *s.fit.state.model.values])[s.fit.free]
+    values = np.concatenate([np.zeros(BODY_SIZE), *s.fit.state.model.values])[s.fit.free]
     own = own[s.fit.free]
     H, v = s.fit.unit, (values * s.fit.scale)[own]
     across = H[np.ix_(own, ~own)]

@@ -13,7 +13,7 @@ from massprops.estimators.batch.track_weights import track_weights, weight_of
 from massprops.model.linearise import Linear, Predicted, Residuals, linearise, predict, residuals
 from massprops.model.measurements import Measurements
 from massprops.model.problem import Problem
-from massprops.model.state import INERTIA, BatchState, inertia_directions, log_shape, moved
+from massprops.model.state import BODY_SIZE, INERTIA, BatchState, inertia_directions, log_shape, moved
 
 MOST_ITERATIONS = 40
 LARGEST_DAMPING = 1e8
@@ -205,7 +205,7 @@ def _fit_of(here: _Descent, free: np.ndarray, converged: bool, iterations: int) 
 def _hold_times(d: np.ndarray, state: BatchState, problem: Problem) -> None:
     """Steps of event times kept short and inside the record: the motion is far from linear in them."""
     first, last = float(problem.times[0]), float(problem.times[-1])
-    at = 17
+    at = BODY_SIZE
     for module, values in zip(state.model.modules, state.model.values, strict=True):
         for k, q in enumerate(module.PARAMETERS):
             if q.kind == "time":
@@ -256,7 +256,7 @@ def prior_residuals(state: BatchState, inertia_prior: InertiaPrior | None) -> tu
 
 def penalties(state: BatchState) -> list[tuple[int, np.ndarray, np.ndarray]]:
     """For each effect with a penalty: its first place among all parameters, the values (r,), and their derivatives (r, k)."""
-    out, at = [], 17
+    out, at = [], BODY_SIZE
     for module, values in zip(state.model.modules, state.model.values, strict=True):
         if hasattr(module, "penalty"):
             own = [float(v) for v in values]
@@ -358,7 +358,7 @@ def _step(reduced: Reduced, damping: float, free: np.ndarray, state: BatchState)
         step = np.zeros(len(scale))
     d = np.zeros(len(free))
     d[free] = step
-    longest = float(np.linalg.norm(d[12:17]))
+    longest = float(np.linalg.norm(d[INERTIA]))
     if not np.isfinite(d).all():
         d[:] = step[:] = 0.0
     elif longest > LARGEST_STEP:

@@ -19,7 +19,7 @@ from massprops.model import Model
 from massprops.model.linearise import Predicted, predict
 from massprops.model.measurements import Measurements, measurements_of
 from massprops.model.problem import Problem
-from massprops.model.state import BatchState
+from massprops.model.state import BODY_SIZE, INERTIA, BatchState
 
 FIRST_TURNS = 1.0
 """Span of the first attitude fit, in revolutions."""
@@ -103,7 +103,7 @@ def batch_start(
 
 def _free(problem: Problem, tracked: bool) -> np.ndarray:
     """(17,) parameters of motion and inertia that the data can move."""
-    free = np.ones(17, bool)
+    free = np.ones(BODY_SIZE, bool)
     free[:3] = problem.has_attitude
     if not tracked:
         free[6:12] = False
@@ -158,14 +158,14 @@ def _grow(
     spread = np.where(np.isfinite(spread) & (spread > 0), spread, np.nanmedian(spread))
     sigma[rows] = np.maximum(spread, 1e-7)
     still = replace(around_free(problem), attitude=attitude, sigma_attitude=sigma)
-    free = np.zeros(17, bool)
-    free[:6] = free[12:17] = True
+    free = np.zeros(BODY_SIZE, bool)
+    free[:6] = free[INERTIA] = True
     fixed = EnvironmentModel(replace(problem.environment, chaser_attitude="inertial"), compiled=environment.compiled)
     span = max(_turn(start.w), problem.times[min(FEWEST_EPOCHS, n - 1)])
     whole = float(problem.times[-1])
 
     still_inertia = free.copy()
-    still_inertia[12:17] = False
+    still_inertia[INERTIA] = False
 
     def grown(inertia: np.ndarray, w0: np.ndarray, free: np.ndarray = free) -> tuple[BatchState, float]:
         return _doubled(
