@@ -16,13 +16,7 @@ from massprops.core.compiling import compiled
 from massprops.core.levenberg_marquardt import Damping, damped_step, descend
 from massprops.dynamics.chaser_path import chaser_path
 from massprops.dynamics.inertia import DIRECTIONS, project_to_physical
-from massprops.dynamics.quaternion import (
-    conjugate,
-    from_rotation_vector,
-    multiply,
-    normalise,
-    rotation_vector,
-)
+from massprops.dynamics.quaternion import conjugate, from_rotation_vector, multiply, normalise, rotation_vector
 from massprops.estimators import free_path
 from massprops.model.problem import Problem
 

@@ -12,14 +12,7 @@ from massprops.dynamics.alignment import similarity
 from massprops.dynamics.inertia import is_physical, ratios
 from massprops.errors import InputError
 from massprops.estimators.result import Prior
-from massprops.mass.ratio_space import (
-    chi_square,
-    covariance,
-    inertia_of,
-    log_components,
-    p_value,
-    turn_jacobian,
-)
+from massprops.mass.ratio_space import chi_square, covariance, inertia_of, log_components, p_value, turn_jacobian
 
 if TYPE_CHECKING:
     from massprops.documents.filter import FeaturesFile, FilterFile

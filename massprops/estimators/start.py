@@ -191,12 +191,7 @@ def _from_rates(problem: Problem, early: np.ndarray) -> Start:
 
 
 def _of_fit(
-    times: np.ndarray,
-    rows: np.ndarray,
-    fit: rates.LocalFit,
-    w: np.ndarray,
-    found: Momentum | None,
-    warnings: list[str],
+    times: np.ndarray, rows: np.ndarray, fit: rates.LocalFit, w: np.ndarray, found: Momentum | None, warnings: list[str]
 ) -> Start:
     """The start in the fit's own body axes, without a path: its epochs `rows`, rates w, and the inertia where it was found."""
     return Start(

@@ -48,10 +48,7 @@ class BatchStart:
 
 
 def batch_start(
-    problem: Problem,
-    start: Start,
-    environment: EnvironmentModel,
-    own_attitudes: bool = False,
+    problem: Problem, start: Start, environment: EnvironmentModel, own_attitudes: bool = False
 ) -> BatchStart:
     """A first state for the whole record.
 
@@ -188,12 +185,7 @@ def _grow(
 
 
 def _doubled(
-    still: Problem,
-    blank: BatchState,
-    fixed: EnvironmentModel,
-    free: np.ndarray,
-    span: float,
-    whole: float,
+    still: Problem, blank: BatchState, fixed: EnvironmentModel, free: np.ndarray, span: float, whole: float
 ) -> tuple[BatchState, float]:
     """The state after fits of doubling span, and chi-squared of the last over its freedom."""
     chi2 = np.inf

@@ -132,13 +132,7 @@ def _attitudes(columns: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray,
 
 
 def _fill_points(
-    problem: Problem,
-    setup: Setup,
-    gap: Gap,
-    passage: Passage,
-    rows: Measurements,
-    chosen: np.ndarray,
-    inside: slice,
+    problem: Problem, setup: Setup, gap: Gap, passage: Passage, rows: Measurements, chosen: np.ndarray, inside: slice
 ) -> tuple[Measurements, int, str]:
     from massprops.sensing.stereo import triangulate
 

@@ -9,12 +9,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from massprops.dynamics.chaser_path import chaser_path, transitions
-from massprops.dynamics.inertia import (
-    DIRECTIONS,
-    cholesky_changes,
-    cholesky_parameters,
-    cholesky_ratio_derivatives,
-)
+from massprops.dynamics.inertia import DIRECTIONS, cholesky_changes, cholesky_parameters, cholesky_ratio_derivatives
 from massprops.dynamics.quaternion import conjugate, multiply, rotation_matrix
 from massprops.errors import NotPossible
 from massprops.estimators.filters.begin import (

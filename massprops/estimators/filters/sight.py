@@ -31,14 +31,7 @@ def sight_of_sensors(h: np.ndarray, x: np.ndarray, mid: Turn, rule: Rule) -> Non
 
 
 def sight(
-    h: np.ndarray,
-    used: np.ndarray,
-    first: int,
-    x: np.ndarray,
-    eyes: np.ndarray,
-    mid: Turn,
-    still: bool,
-    rule: Rule,
+    h: np.ndarray, used: np.ndarray, first: int, x: np.ndarray, eyes: np.ndarray, mid: Turn, still: bool, rule: Rule
 ) -> None:
     """Predicted measurements from feature `first` on (and the sensors' when it is 0), into h."""
     if first == 0 and ahead(rule) > 0:

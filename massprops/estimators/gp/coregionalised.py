@@ -17,14 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprops.errors import NotPossible
-from massprops.estimators.gp.kernel import (
-    feature_rates,
-    feature_slopes,
-    features,
-    lattice,
-    line_weights,
-    per_column,
-)
+from massprops.estimators.gp.kernel import feature_rates, feature_slopes, features, lattice, line_weights, per_column
 from massprops.estimators.gp.periods import candidate_pairs, frequency_step
 
 WEIGHT_FLOOR = 1e-14
@@ -92,11 +85,7 @@ class QuasiPeriodicProcess:
         return self.mean + phi @ self.coefficients, rate @ self.coefficients, cov
 
 
-def fit_process(
-    t: np.ndarray,
-    y: np.ndarray,
-    frequencies: np.ndarray | None = None,
-) -> QuasiPeriodicProcess:
+def fit_process(t: np.ndarray, y: np.ndarray, frequencies: np.ndarray | None = None) -> QuasiPeriodicProcess:
     """Trains the process.
 
     Args:

@@ -16,14 +16,7 @@ from massprops.estimators.filters.features import Passage, joined
 from massprops.estimators.filters.setup import Setup
 from massprops.estimators.filters.state import Noise, Run
 from massprops.estimators.ranging.batch_start import BatchFit, fit_first
-from massprops.estimators.ranging.inertial import (
-    BASE,
-    RangeData,
-    RangeStart,
-    camera_state,
-    range_filtered,
-    to_camera,
-)
+from massprops.estimators.ranging.inertial import BASE, RangeData, RangeStart, camera_state, range_filtered, to_camera
 from massprops.estimators.result import Prior
 from massprops.model.problem import Problem
 
