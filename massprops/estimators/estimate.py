@@ -17,6 +17,7 @@ from massprops.errors import InputError, MasspropsError, NotPossible
 from massprops.estimators.outcome import Outcome
 
 if TYPE_CHECKING:
+    from massprops.estimators.methods import Method
     from massprops.estimators.prior import FilterPrior, PriorTest
     from massprops.estimators.result import Estimate, Prior
     from massprops.model.problem import Problem
@@ -85,7 +86,7 @@ def estimate_all(
 
 def run_methods(
     problem: Problem,
-    chosen: list[ModuleType],
+    chosen: list[Method],
     prior: FilterPrior | None = None,
     progress: Progress = silent,
     model: Any = None,
@@ -145,9 +146,7 @@ def run_methods(
     return Outcome(bench.problem, estimates, skipped, cpu, verdict, tuple(dict.fromkeys(warnings)))
 
 
-def _judged_prior(
-    prior: FilterPrior, bench: _Bench, able: list[ModuleType], start: Any, warnings: list[str]
-) -> PriorTest:
+def _judged_prior(prior: FilterPrior, bench: _Bench, able: list[Method], start: Any, warnings: list[str]) -> PriorTest:
     """What the data say of the prior, by the reference method where it can run; warnings are added to the list."""
     from massprops.estimators.methods import methods
     from massprops.estimators.needs import unmet
@@ -164,7 +163,7 @@ def _judged_prior(
     return verdict
 
 
-def chosen_methods(names: Iterable[str]) -> tuple[list[ModuleType], bool]:
+def chosen_methods(names: Iterable[str]) -> tuple[list[Method], bool]:
     """The modules of the named methods, and whether the user named them one by one.
 
     Raises:
@@ -217,7 +216,7 @@ class _Bench:
             return _NoStart(f"its arithmetic broke down ({type(error).__name__}: {excerpt(error)})")
         return replace(whole, early=early_start(self.problem, whole)) if early else whole
 
-    def run(self, method: ModuleType, prior: Prior | None, start: Any) -> Estimate:
+    def run(self, method: Method, prior: Prior | None, start: Any) -> Estimate:
         """One estimate, checked.
 
         Raises:

@@ -9,8 +9,7 @@ from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from string import Template
-from types import ModuleType
-from typing import Any
+from typing import Any, Protocol, cast
 
 from massprops.core.files import json_text, write_whole
 from massprops.core.outputs import Outputs, claim
@@ -25,9 +24,21 @@ OWNER = "report"
 UNREADABLE = "This section could not be made from the run's files"
 
 
-def all_sections() -> list[ModuleType]:
+class Section(Protocol):
+    """What a file of `sections` holds: its heading, its place, and what it makes of a run, "" for nothing."""
+
+    __name__: str
+    TITLE: str
+    ORDER: float
+
+    def render(self, data: RunData) -> str:
+        """HTML."""
+        ...
+
+
+def all_sections() -> list[Section]:
     """Every module of `sections`, by its ORDER."""
-    return sorted(modules_of(sections.__name__), key=lambda module: module.ORDER)
+    return sorted(cast("list[Section]", modules_of(sections.__name__)), key=lambda section: section.ORDER)
 
 
 def write_report(run: str | Path) -> Path:

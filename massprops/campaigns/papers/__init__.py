@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from functools import cache
 from importlib import import_module
-from types import ModuleType
+from typing import Any, Protocol, cast
 
 from massprops.documents.fields import unknown
 from massprops.packaged import Wanted, faults_by, is_text, names_of, packaged, takes
@@ -31,30 +31,50 @@ WANTED: Wanted = {
 }
 
 
+class Paper(Protocol):
+    """What such a file holds; the rest may be left out."""
+
+    PAPER: str
+    CASES: dict[str, str]
+    RUNS: dict[str, int]
+
+    def configuration(self, case: str) -> dict[str, Any]:
+        """See the top of this file."""
+        ...
+
+    def runs(self, configuration: dict[str, Any], seeds: list[int], /) -> list[dict[str, Any]]:
+        """See the top of this file."""
+        ...
+
+    def table(self, case: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
+        """See the top of this file."""
+        ...
+
+
 def papers() -> list[str]:
     """Names of all papers."""
     return sorted([*names_of(__name__), *_packaged()])
 
 
 @cache
-def _packaged() -> dict[str, ModuleType]:
-    return packaged("massprops.papers", faults_by(WANTED), names_of(__name__), "PAPER")[0]
+def _packaged() -> dict[str, Paper]:
+    return cast("dict[str, Paper]", packaged("massprops.papers", faults_by(WANTED), names_of(__name__), "PAPER")[0])
 
 
-def load_paper(name: str) -> ModuleType:
+def load_paper(name: str) -> Paper:
     """The file of one paper.
 
     Raises:
         InputError: there is none of that name.
     """
     if name in names_of(__name__):
-        return import_module(f"{__name__}.{name}")
+        return cast(Paper, import_module(f"{__name__}.{name}"))
     if name in _packaged():
         return _packaged()[name]
     raise unknown("paper", name, papers())
 
 
-def checked_case(paper: ModuleType, case: str) -> str:
+def checked_case(paper: Paper, case: str) -> str:
     """The case, when the paper has it.
 
     Raises:

@@ -8,7 +8,7 @@ has a `NAME` besides.
 
 from functools import cache
 from importlib import import_module
-from types import ModuleType
+from typing import Protocol, cast
 
 from massprops.packaged import Wanted, faults_by, is_text, names_of, packaged, takes
 from massprops.sfm.scale._base import Scale, ScaleEstimate, ScaleInputs, choose
@@ -18,11 +18,20 @@ __all__ = ["Scale", "ScaleEstimate", "ScaleInputs", "choose", "find_scale", "sou
 WANTED: Wanted = {"estimate": takes(1)}
 
 
+class Source(Protocol):
+    """What such a file holds."""
+
+    def estimate(self, inputs: ScaleInputs) -> ScaleEstimate | None:
+        """See the top of this file."""
+        ...
+
+
 @cache
-def sources() -> dict[str, ModuleType]:
+def sources() -> dict[str, Source]:
     """Every source by its name."""
     own = {name: import_module(f"{__name__}.{name}") for name in names_of(__name__)}
-    return own | packaged("massprops.scale_sources", faults_by({"NAME": is_text, **WANTED}), own)[0]
+    found = own | packaged("massprops.scale_sources", faults_by({"NAME": is_text, **WANTED}), own)[0]
+    return cast("dict[str, Source]", found)
 
 
 def find_scale(inputs: ScaleInputs) -> Scale:
