@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from motion_scene import INERTIA, RATE, scene
+from tumbling import INERTIA, RATE
+from tumbling import far_scene as scene
 
 from massprops.campaigns.papers import feng2018
 from massprops.dynamics.inertia import DIRECTIONS, project_to_physical, ratios
