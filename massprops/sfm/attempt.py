@@ -118,7 +118,7 @@ class Attempt:
         warnings: one line each.
         repeats: whether a pattern repeats, so that matches are of what is unique.
         moved: whether the object was moved while its room stayed, so that its own features are used alone.
-        believed_from: where sides look alike, the matches that a pair needs to be believed; 0 elsewhere.
+        matches_required: where sides look alike, the matches that a pair needs to be believed; 0 elsewhere.
     """
 
     database: Path
@@ -131,7 +131,7 @@ class Attempt:
     warnings: list[str]
     repeats: bool = False
     moved: bool = False
-    believed_from: int = 0
+    matches_required: int = 0
 
     @property
     def registered(self) -> int:
