@@ -18,7 +18,7 @@ from massprops.core.linalg import consecutive
 from massprops.diagnosis.criteria import SHAPE_SD
 from massprops.diagnosis.effect_columns import Term, term_of
 from massprops.diagnosis.hypothesis_fit import HypothesisFit
-from massprops.diagnosis.momentum_balance import INERTIA, inertia_of, inertia_slopes
+from massprops.diagnosis.momentum_balance import INERTIA, inertia_jacobian, inertia_of
 from massprops.diagnosis.motion_path import MotionPath
 from massprops.diagnosis.record import along, attitudes_of
 from massprops.dynamics.quaternion import conjugate, from_rotation_vector, multiply, normalise, rotation_vector
@@ -182,7 +182,7 @@ class _Problem:
         """(3 m, all) of the predicted attitudes by all unknowns, over their noise."""
         p, by = self.parameters(at)
         turn, _ = sensitivities(
-            self.times, motion, at.q, at.w, inertia_of(at.shape), inertia_slopes(at.shape), self.active, p, self.environment
+            self.times, motion, at.q, at.w, inertia_of(at.shape), inertia_jacobian(at.shape), self.active, p, self.environment
         )  # fmt: skip
         own, first = turn * self.over[:, None, None], START + INERTIA
         return np.concatenate([own[:, :, :first], own[:, :, first:] @ by], axis=2).reshape(-1, first + by.shape[1])
@@ -266,11 +266,11 @@ def _valley(problem: _Problem, best: _Point) -> tuple[list[_Point], np.ndarray, 
             continue
         held = place.start + a.term.unknowns.index(named)
         points = [*_side(problem, best, held, -1.0)[::-1], best, *_side(problem, best, held, 1.0)]
-        ways = np.log([_held(p, named) for p in points])
+        logarithms = np.log([_held(p, named) for p in points])
         density = np.array([p.density(held) for p in points])
-        weights = (np.gradient(ways) if len(points) > 1 else np.ones(1)) * np.exp(density - density.max())
+        weights = (np.gradient(logarithms) if len(points) > 1 else np.ones(1)) * np.exp(density - density.max())
         weights /= weights.sum()
-        middle = int(np.argmin(np.abs(ways - weights @ ways)))
+        middle = int(np.argmin(np.abs(logarithms - weights @ logarithms)))
         order = [middle, *(k for k in range(len(points)) if k != middle)]
         return [points[k] for k in order], weights[order], held
     return [best], np.ones(1), None

@@ -42,7 +42,7 @@ def acts_at_once(effect: ModuleType) -> bool:
     return hasattr(effect, "jump") or hasattr(effect, "swing")
 
 
-def struck_slopes(y: Sequence[Any], effect: ModuleType, p: Sequence[Any]) -> tuple[np.ndarray, np.ndarray]:
+def struck_jacobian(y: Sequence[Any], effect: ModuleType, p: Sequence[Any]) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives (ny, ny) by the state before and (ny, k) by the effect's parameters, by the complex step."""
 
     def columns(start: list[Any], other: Any, first: bool) -> np.ndarray:

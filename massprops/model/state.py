@@ -138,7 +138,7 @@ def _turning(inertia: np.ndarray, turn: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.lstsq(directions.T, np.array(six_of(inertia @ K - K @ inertia)), rcond=None)[0])
 
 
-def ratio_slopes(inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def ratio_jacobian(inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """k (2,), axes (3, 3), and their derivatives by the five local parameters: (2, 5), and (3, 5) as a small turn in
     body axes."""
     moments, axes = principal_axes(inertia)

@@ -194,9 +194,9 @@ def _linear(
         return projected(views, v, x)
 
     d = xyz - middle
-    ways = [*(np.cross(e, d) for e in np.eye(3)), d, *(np.tile(e, (len(d), 1)) for e in np.eye(3))]
+    directions = [*(np.cross(e, d) for e in np.eye(3)), d, *(np.tile(e, (len(d), 1)) for e in np.eye(3))]
     step = 1e-4
-    slope = [(seen(xyz + step * sign * w) - seen(xyz - step * sign * w)) / (2 * step) for w in ways]
+    slope = [(seen(xyz + step * sign * w) - seen(xyz - step * sign * w)) / (2 * step) for w in directions]
     return np.stack(slope, axis=2), candidates.uv - seen(xyz)
 
 

@@ -81,5 +81,9 @@ def reconstruct(
     said = against.said({f.name: f.source_name for f in footage.frames})
     masked = found.mapping.masked
     return replace(
-        result, against=against, matches_required=found.matches_required, masked=masked, warnings=(*result.warnings, *said)
+        result,
+        against=against,
+        matches_required=found.matches_required,
+        masked=masked,
+        warnings=(*result.warnings, *said),
     )

@@ -211,15 +211,15 @@ def _balanced(given: _Given, mesh: Mesh, others: Iterator[tuple[float, Mesh]], b
         return _finished(given, mesh, FILLED)
     for pull, other in others:
         meshes[pull], cuts[pull] = other, cut_of(other)
-    ways = {pull: fill_centres(cut) for pull, cut in cuts.items()}
-    likely, tried = balanced(ways, HOLLOW, balance), set[Fill]()
+    fills = {pull: fill_centres(cut) for pull, cut in cuts.items()}
+    likely, tried = balanced(fills, HOLLOW, balance), set[Fill]()
     # taking the noise out of measured sides moves the centre, too, much alike for all ways of filling in
     while (fill := Fill(likely[0].pull, likely[0].membrane)) not in tried and len(tried) < 3:
         tried.add(fill)
         chosen, cut = fill, cuts[fill.pull]
         surface = _finished(given, meshes[fill.pull], fill)
         shift = centre_of(surface.vertices, surface.faces) - centre_of(cut.at(fill.membrane), cut.faces)
-        likely = balanced(ways, HOLLOW, balance, shift)
+        likely = balanced(fills, HOLLOW, balance, shift)
     body = integrals(chosen.pull, chosen.membrane)
     less_likely = [way for way in likely if way.pull != chosen.pull]
     return replace(surface, rivals=tuple((way.chance, integrals(way.pull, way.membrane) - body) for way in less_likely))

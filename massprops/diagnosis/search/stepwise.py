@@ -48,7 +48,7 @@ def stepwise(case: Case, start: FittedModel, usable: list[ModuleType], watch: Wa
             found.append(plain)
     if len(found) > 1:
         follow(best_event_time(case, found[-1], far=False))
-        follow(_best_pace(case, found[-1], watch))
+        follow(_best_rate_constant(case, found[-1], watch))
     at = found[-1]
     if len(at.added) > MOST_EFFECTS:
         fewer = min((_without(case, at, a, against=near(at.fit.cost)) for a in at.added), key=penalised_bic)
@@ -103,7 +103,7 @@ def _step(case: Case, at: FittedModel, usable: list[ModuleType], watch: Watch) -
     return min(better, key=penalised_bic) if better else None
 
 
-def _best_pace(case: Case, at: FittedModel, watch: Watch) -> FittedModel:
+def _best_rate_constant(case: Case, at: FittedModel, watch: Watch) -> FittedModel:
     """The model, or one with the pace of an effect sought anew: from slow to fast the valley of the misfit is so long and
     bent that a search begun beside a poor fit of another effect rests far from its lowest place."""
     for a in at.added:

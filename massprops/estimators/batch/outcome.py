@@ -15,7 +15,7 @@ from massprops.estimators.result import Estimate
 from massprops.model import Model
 from massprops.model.linearise import Slopes
 from massprops.model.problem import Problem
-from massprops.model.state import BODY_SIZE, INERTIA, ratio_slopes
+from massprops.model.state import BODY_SIZE, INERTIA, ratio_jacobian
 
 LARGEST_SIGMA_K = 0.18
 """1-sigma of k1 or k2 above which the data say too little: half their spread over all bodies that there can be."""
@@ -36,7 +36,7 @@ def estimate_of(
     """The fit as an `Estimate`, with the covariance (size, size) of its parameters where it is not the plain one."""
     state, motion = found.state, found.predicted.motion
     covariance = covariance_of(found) if covariance is None else covariance
-    k, axes, slopes, turns = ratio_slopes(state.inertia)
+    k, axes, slopes, turns = ratio_jacobian(state.inertia)
     block = covariance[INERTIA, INERTIA]
     k_covariance, axes_covariance = slopes @ block @ slopes.T, turns @ block @ turns.T
     turn = float(np.sqrt(np.max(np.diag(axes_covariance))))

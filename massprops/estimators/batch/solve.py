@@ -250,8 +250,8 @@ def prior_residuals(state: BatchState, inertia_prior: InertiaPrior | None) -> tu
     if inertia_prior.inertia is None:
         return -log_shape(state.inertia) / inertia_prior.weak, np.eye(5) / inertia_prior.weak
     value = np.array(six_of(state.inertia - inertia_prior.inertia)) / inertia_prior.sigma
-    ways = np.array([six_of(w) for w in inertia_directions(state.inertia)])
-    return -value, ways.T / inertia_prior.sigma
+    by_inertia = np.array([six_of(w) for w in inertia_directions(state.inertia)])
+    return -value, by_inertia.T / inertia_prior.sigma
 
 
 def penalties(state: BatchState) -> list[tuple[int, np.ndarray, np.ndarray]]:
@@ -321,11 +321,11 @@ def reduced_equations(
         at = free[: INERTIA.start].sum() + np.arange(len(place))
         full[np.ix_(at, at)] += slopes[:, place].T @ slopes[:, place]
         b[at] += slopes[:, place].T @ value
-        for first, off, ways in penalties(state):
-            place = np.flatnonzero(free[first : first + ways.shape[1]])
+        for first, off, by_parameters in penalties(state):
+            place = np.flatnonzero(free[first : first + by_parameters.shape[1]])
             at = free[:first].sum() + np.arange(len(place))
-            full[np.ix_(at, at)] += ways[:, place].T @ ways[:, place]
-            b[at] -= ways[:, place].T @ off
+            full[np.ix_(at, at)] += by_parameters[:, place].T @ by_parameters[:, place]
+            b[at] -= by_parameters[:, place].T @ off
     o, count = len(m.uv), len(state.points)
     V, W, c = np.zeros((count, 3, 3)), np.zeros((count, int(free.sum()), 3)), np.zeros((count, 3))
     H = full.copy()

@@ -13,7 +13,7 @@ from itertools import combinations
 
 import numpy as np
 
-from massprops.estimators.gp.kernel import feature_slopes, features, lattice, waves
+from massprops.estimators.gp.kernel import feature_jacobian, features, lattice, waves
 
 PAD = 8
 """Zero padding of the transform: a peak is located to a small part of a bin."""
@@ -123,7 +123,7 @@ def frequency_step(
         penalised residual sum of squares, step (2,) [Hz], and information (2, 2) of f for unit noise variance.
     """
     phi = features(t, orders, f)
-    slopes = feature_slopes(phi, t, orders)
+    slopes = feature_jacobian(phi, t, orders)
     ridge = ridge if ridge.ndim == 2 else ridge[:, None]
     ridge = np.broadcast_to(ridge, (phi.shape[1], y.shape[1]))
     gram = phi.T @ phi
