@@ -18,6 +18,7 @@ LEARN_AT = 480
 """Longer side at which colours are counted [px]."""
 
 ROUNDS = 3
+"""Times that colours are learned from the answer."""
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,7 @@ import numpy as np
 
 from massprops.capture.images import decoded, orientation, printable, turn, turned_back
 from massprops.errors import InputError
-
-AMBIGUOUS = 128
-"""Value of a pixel of which cannot be told whether it shows the object."""
+from massprops.views import AMBIGUOUS
 
 
 class GivenMasks:

@@ -11,6 +11,7 @@ import numpy as np
 from massprops.dynamics.kernels import quaternion_rate, to_body
 
 STEP = 1e-30
+"""Complex step: so small that its square vanishes."""
 
 
 def struck(y: Sequence[Any], effect: ModuleType, p: Sequence[Any]) -> list[Any]:

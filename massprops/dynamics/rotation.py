@@ -28,6 +28,7 @@ PACE_SHARE = 0.7
 """Of an inner part's own pace (`internal_pace`) that counts as such a rotation: derivatives by a damping of .02 of the frequency are then
 off by 4 %, by 20 % and more with .5."""
 MOST_STEPS = 400_000
+"""Steps of integration above which a trial motion takes one between two times: it turns far too fast to fit anything."""
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,11 @@ from massprops.estimators.rates import LocalFit
 from massprops.geometry.vectors import skew
 
 FEWEST = 6
+"""Epochs with rates from which an inertia is sought."""
 LARGEST_COUNT = 60
+"""Steps of the search."""
 LARGEST_SQUARE = 20.0
+"""Squared residual, over the usual one, from which an epoch is an outlier."""
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ SAMPLES = 60
 LARGEST_STEP = 0.2
 """Rotation [rad] per Runge-Kutta step within a window."""
 LARGEST_SQUARE = 25.0
+"""Squared residual of a window, over the usual one, from which it is an outlier."""
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,9 @@ from massprops.model.problem import Problem
 from massprops.sensing.stereo import triangulate
 
 FEWEST = 6
+"""Epochs that must show the attitude."""
 PASSES = 2
+"""Further fits, by what the rates differ from free rotation with the inertia just found."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,6 +14,7 @@ from massprops.geometry.vectors import skew
 from massprops.sensing.pinhole import Pinhole
 
 STEP = 1e-30
+"""Complex step: so small that its square vanishes."""
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,13 @@ import pytest
 from PIL import Image
 
 from massprops.capture.from_shape import overlap, to_stored
-from massprops.capture.given import AMBIGUOUS, load_mask, to_original
+from massprops.capture.given import load_mask, to_original
 from massprops.capture.images import QUARTER_TURNS, turn, turned_back
 from massprops.errors import InputError
 from massprops.run.job import Job, ReconstructOptions
 from massprops.run.masks import masks
 from massprops.run.stages import capture
-from massprops.views import Views, undistort
+from massprops.views import AMBIGUOUS, Views, undistort
 
 K = np.array([[150.0, 0, 79.5], [0, 150.0, 59.5], [0, 0, 1]])
 LENS = np.array([-0.2, 0.05, 0.0, 0.0])

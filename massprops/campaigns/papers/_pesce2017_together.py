@@ -18,6 +18,7 @@ Ahead = Callable[[int, State], tuple[State, np.ndarray]]
 """`ahead(i, state)`: the state at epoch i from that at epoch i - 1 (epoch 0: from the start), and the transition."""
 
 ROUNDS = 30
+"""Steps of one fit at most."""
 
 
 def update_together(

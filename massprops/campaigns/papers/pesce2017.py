@@ -59,6 +59,7 @@ LIMITS = {"A": (0.0202, 0.0159), "B": (0.0202, 0.0159), "C": (0.0020, 0.0015)}
 """Cramer-Rao 1-sigma of k1, k2 at 100 s, rms over 40 runs (`_pesce2017_limit.limit`)."""
 
 RUN_AWAY = 0.15
+"""Error of k1 or k2 at the end from which a run is counted as lost."""
 FILTERS = {"C-ekf": "ekf", "C-paper": "iekf with the paper's quaternion"}
 BOXES = {case: ["k1", "k2", "omega_deg_s", "rho_m"] for case in CASES}
 SINGLE_RUN: dict[str, list[float | None]] = {

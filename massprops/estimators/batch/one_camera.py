@@ -31,6 +31,7 @@ from massprops.model.state import BatchState, in_axes
 LENS = ("focal-length-error", "lens-distortion")
 """What a camera without calibration leaves open."""
 FEWEST_FEATURES = 20
+"""Features from which one camera alone shows the motion."""
 
 
 def applies(problem: Problem, start: Any) -> bool:

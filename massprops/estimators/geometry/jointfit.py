@@ -13,6 +13,7 @@ from massprops.dynamics.quaternion import from_rotation_vector, multiply, normal
 from massprops.geometry.vectors import skew
 
 LARGEST_TURN = 0.3
+"""Of one step [rad]."""
 
 
 def joint_step(
