@@ -59,7 +59,7 @@ MOST_AVERAGED = 256
 """Places that are averaged, at most."""
 COMMON = 2.0
 """How much wider the surface is over which the halves are compared."""
-SURE, STAY = 0.3, 0.05
+OWN_WEIGHT, STAY_WEIGHT = 0.3, 0.05
 """What a place's own move counts, and all vertices' staying over the places among them, over the difference from the mean of the neighbours.
 Where every tenth vertex is one a move fades in seven edges."""
 HELD = 1e6
@@ -363,8 +363,8 @@ def _over_all(
     from scipy.sparse.linalg import spsolve
 
     size = len(vertices)
-    weight, right = np.full(size, STAY * len(place) / size), np.zeros(size)
-    weight[place], right[place] = SURE, SURE * offset
+    weight, right = np.full(size, STAY_WEIGHT * len(place) / size), np.zeros(size)
+    weight[place], right[place] = OWN_WEIGHT, OWN_WEIGHT * offset
     weight[held], right[held] = HELD, 0.0
     return np.asarray(spsolve((identity(size) - mean_matrix(faces, size) + diags(weight)).tocsc(), right))
 

@@ -51,7 +51,7 @@ PAINTED, FINE, COARSE = 6000, 4, 150
 the same. Fine paint tells more: on a rendered tin turned over, the right answer's correlation stood 0.9 standard
 deviations of the wrong ones above the best of 60 wrong answers with 8 and 200 of 6000 points, 5.6 with 4 and 200 of
 30 000, 12 with 2 and 100."""
-COLOUR, SURE = 0.1, 2.0
+COLOUR, AHEAD_SIGMAS = 0.1, 2.0
 """Least correlation of the paint that decides, and by how many standard deviations of wrong answers it must exceed any
 other answer's."""
 COMMON = 0.1
@@ -186,7 +186,7 @@ class Registration:
     @property
     def painted(self) -> bool:
         """Whether the paint says that it is this one and no other."""
-        return self.colour > max(COLOUR, self.rival_colour + SURE * self.colour_noise)
+        return self.colour > max(COLOUR, self.rival_colour + AHEAD_SIGMAS * self.colour_noise)
 
     @property
     def fits(self) -> bool:
@@ -200,7 +200,7 @@ class Registration:
         Shape decides against the paint only where it is much clearer, and by more than the silhouettes are wrong.
         """
         against = self.rival_colour - self.colour
-        by_shape = any(self._alone(n) and against < n * SURE * self.colour_noise for n in (1, 2))
+        by_shape = any(self._alone(n) and against < n * AHEAD_SIGMAS * self.colour_noise for n in (1, 2))
         return self.fits and (self.painted or by_shape)
 
     def is_clearly_not(self, R: np.ndarray) -> bool:
@@ -214,7 +214,7 @@ class Registration:
         Of a body of one colour what looks like paint is its relief, which the lamp shows otherwise once the body is turned: what
         was light may be dark then (a plain rock turned over had -0.27, nine times the noise), as paint cannot be.
         """
-        return self.fits and self._alone(2) and max(self.colour, self.rival_colour) < SURE * self.colour_noise
+        return self.fits and self._alone(2) and max(self.colour, self.rival_colour) < AHEAD_SIGMAS * self.colour_noise
 
     def _alone(self, times: float) -> bool:
         """Whether every other answer is as many times worse, silhouettes' own errors counted."""
@@ -418,7 +418,7 @@ def _chosen(answers: list[_Answer]) -> _Answer:
         best = max(near, key=lambda a: a.colour)
         others = [a for a in answers if a.away(best) > APART_DEG]
         rival = max((a.colour for a in others if a.outside < LARGEST_PAINTED), default=0.0)
-        if best.colour > max(COLOUR, rival + SURE * _noise(others)):
+        if best.colour > max(COLOUR, rival + AHEAD_SIGMAS * _noise(others)):
             return _most_alike([a for a in near if a.away(best) <= APART_DEG])
     return _most_alike(answers)
 
