@@ -1,7 +1,7 @@
 """PatchMatch multi-view stereo with slanted planes, on the object's pixels only.
 
 Each pixel of the reference holds a plane (depth, normal in the reference's camera). Planes are judged by a
-bilaterally weighted normalised cross-correlation of an 9x9 window (every second pixel) with up to four sources, of
+bilaterally weighted normalised cross-correlation of a 9x9 window (every second pixel) with up to four sources, of
 which the best three count; they spread to neighbours in a red-black order and are refined by shrinking random steps
 (Bleyer, Rhemann, Rother 2011; Galliani, Lasinger, Schindler 2015). The bilateral weights are taken from both images
 (Yoon, Kweon 2006, "Adaptive support-weight approach for correspondence search"): the body turns under a Sun that
@@ -25,12 +25,14 @@ import numpy as np
 Array = np.ndarray
 
 RADIUS, STEP = 4, 2
+"""Of the window, and between its pixels [px]."""
 SIDE = 2 * RADIUS // STEP + 1
 SAMPLES = SIDE * SIDE
 _GRID = np.arange(-RADIUS, RADIUS + 1, STEP)
 DX = np.tile(_GRID, SIDE).astype(np.float32)
 DY = np.repeat(_GRID, SIDE).astype(np.float32)
 BEST = 3
+"""Sources that count."""
 WORST = 2.0
 """Cost of a plane that cannot be judged; 1 - NCC is at most 2."""
 ROUNDING = 0.01
