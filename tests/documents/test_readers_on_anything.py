@@ -36,6 +36,7 @@ from massprops.sequence.truth import read_truth
 from massprops.sfm.scale.distance import read_named
 from massprops.sfm.scale.marker import parse as parse_marker
 from massprops.simulation.scenario import load_scenario
+from massprops_cli.simulate import _distortion, _hidden, _size
 
 TEXTS = st.text(max_size=200) | st.text("0123456789.,-+e:[]{}#\n \"'", max_size=120)
 KEYS = st.text("abcdefgh_1", min_size=1, max_size=6)
@@ -103,6 +104,8 @@ def test_a_table_is_read_or_refused_in_one_line(table: Any, tmp_path: Path) -> N
 def test_what_an_option_says_is_read_or_refused_in_one_line(text: str, option: str) -> None:
     in_one_line(lambda: parse_choice(option, text))
     in_one_line(lambda: parse_marker(text))
+    for read in (_size, _distortion, _hidden):
+        in_one_line(lambda read=read: read(text))  # type: ignore[misc]
 
 
 @pytest.mark.parametrize("side", ["0", "-1", "nan", "inf", "1e999"])
