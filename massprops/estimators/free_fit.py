@@ -8,7 +8,6 @@ to the next. The window grows from a few frames to the whole part, so that the p
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from massprops.dynamics.chaser_path import chaser_path
 from massprops.dynamics.inertia import DIRECTIONS, project_to_physical
 from massprops.dynamics.quaternion import conjugate, from_rotation_vector, multiply, normalise, rotation_vector
 from massprops.estimators import free_path
+from massprops.estimators.start import Start
 from massprops.model.problem import Problem
 
 FEWEST = 8
@@ -48,7 +48,7 @@ class FreeFit:
     path: np.ndarray
 
 
-def free_fit(problem: Problem, start: Any) -> FreeFit | None:
+def free_fit(problem: Problem, start: Start) -> FreeFit | None:
     """The fit to the start's span, in its body axes; None where there are too few epochs or the noise is not reached.
 
     Args:
@@ -194,7 +194,7 @@ def _cost(r: np.ndarray, weight: np.ndarray, guess: Guess, prior: np.ndarray) ->
     return float(np.sum(weight[:, None] * r**2) + np.sum(prior * _away(guess) ** 2))
 
 
-def _measured(problem: Problem, start: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+def _measured(problem: Problem, start: Start) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
     """Epochs (k,), attitudes (k, 4) as measured at each alone, or rates (k, 3), and their 1-sigma (k,)."""
     if start.poses is not None:
         return start.poses.rows, start.poses.q, _filled(start.poses.sigma)

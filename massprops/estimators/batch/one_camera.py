@@ -11,7 +11,6 @@ since a body that turns freely tells them apart from its shape.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -22,6 +21,7 @@ from massprops.dynamics.quaternion import nearest_rotation, rotation_matrix
 from massprops.errors import NotPossible
 from massprops.estimators.batch.solve import Fit, fit
 from massprops.estimators.batch.start import BatchStart, place_points
+from massprops.estimators.start import Start
 from massprops.model import Model, model_of
 from massprops.model.linearise import linearise
 from massprops.model.measurements import Measurements, measurements_of
@@ -34,7 +34,7 @@ FEWEST_FEATURES = 20
 """Features from which one camera alone shows the motion."""
 
 
-def applies(problem: Problem, start: Any) -> bool:
+def applies(problem: Problem, start: Start) -> bool:
     """Whether the sequence is one camera's tracks with attitudes from the same images."""
     return bool(
         problem.has_attitude
@@ -47,7 +47,7 @@ def applies(problem: Problem, start: Any) -> bool:
 
 
 def fit_tracks(
-    problem: Problem, first: BatchStart, start: Any, environment: EnvironmentModel, model: Model | None = None
+    problem: Problem, first: BatchStart, start: Start, environment: EnvironmentModel, model: Model | None = None
 ) -> tuple[BatchStart, Fit, Measurements]:
     """The fit of all pixels, in the body axes of `attitude0`.
 
@@ -61,6 +61,7 @@ def fit_tracks(
     Raises:
         NotPossible: too few features could be placed.
     """
+    assert start.position is not None
     state = replace(
         first.state,
         r0=np.array(start.position[0], float),

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,13 +26,16 @@ from massprops.model.measurements import measurements_of
 from massprops.model.problem import Problem
 from massprops.model.state import BODY_SIZE, BatchState
 
+if TYPE_CHECKING:
+    from massprops.estimators.start import Start
+
 NAME = "smoother"
 ORDER = 5
 SENTENCE = "batch least squares over the whole record, from the least-squares and momentum start"
 NEEDS = ("stereo|attitude|rates",)
 
 
-def estimate(problem: Problem, prior: Prior, start: Any, model: Model | None = None) -> Estimate:
+def estimate(problem: Problem, prior: Prior, start: Start, model: Model | None = None) -> Estimate:
     """Motion, inertia ratios and axes with their covariance.
 
     Args:
