@@ -34,6 +34,7 @@ from massprops.dynamics.quaternion import from_rotation_vector, rotation_matrix
 from massprops.errors import NotPossible
 
 PASSES = 12
+"""At most."""
 SETTLED = 0.2
 """Change of the log evidence between two passes at which they end, and gain of it that is left to a step of the inertia: it
 decides nothing."""
