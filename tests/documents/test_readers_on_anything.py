@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 
 from massprops.capture.choice import parse as parse_choice
 from massprops.core.files import json_text
+from massprops.documents.fields import Number
 from massprops.documents.loading import load_json, load_text, load_yaml, parse_json, parse_yaml
 from massprops.documents.scale_json import read_scale
 from massprops.documents.tables import ATTITUDE, GYROSCOPE, RANGE, ROTOR, STATE, TRACKS
@@ -184,3 +185,22 @@ def test_a_file_that_is_no_effect_is_refused_in_one_line(text: str, tmp_path: Pa
     with pytest.raises(InputError) as said:
         read_effect(tmp_path / "effect.py")
     assert "\n" not in str(said.value)
+
+
+@quickly
+@given(st.floats(), numbers(-9.0, 9.0), st.floats(0.0, 9.0), st.booleans())
+def test_a_number_is_taken_within_its_range_and_refused_beyond(
+    value: float, low: float, span: float, open_end: bool
+) -> None:
+    field = (
+        Number("of a test", "m", above=low, high=low + span)
+        if open_end
+        else Number("of a test", low=low, high=low + span)
+    )
+    inside = np.isfinite(value) and low <= value <= low + span and not (open_end and value == low)
+    if inside:
+        assert field.check(value) == value
+    else:
+        with pytest.raises(ValueError, match="must be"):
+            field.check(value)
+    assert f"{low + span:g}" in field.words()
