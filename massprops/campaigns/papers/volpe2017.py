@@ -1,13 +1,16 @@
 """volpe2017, tables 1-2: pose, velocity, shape and inertia ratios from one camera and ranges over one orbit.
 
-The paper's formulas, noise levels, time step and initial values are lost from its text. Kept from the paper: a circular orbit
-of 7000 km, a closed and inclined relative orbit, 12 points that are always seen, the camera pointed at the target, body
-axes parallel to the camera at the start so that the attitude there is known, an initial velocity of zero, all points at
-the depth of the initial position, one orbital period, pixels rounded to whole numbers. One second between images, because
-in the paper the velocity converges in a few seconds. No process noise except a millionth of the rate over the orbit: the
-period of the tumbling is known that well, and the error of an update is of that size. Everything else in `configuration`
-is chosen here. The inertia is estimated up to its scale: the paper's sixth element is the scale, which nothing shows, and
-which hides that the other five are observable.
+The paper's formulas, noise levels, time step and initial values are lost from its text. Kept from the paper:
+
+- a circular orbit of 7000 km, a closed and inclined relative orbit, one orbital period;
+- 12 points that are always seen, by a camera that points at the target, in pixels rounded to whole numbers;
+- body axes parallel to the camera at the start, so that the attitude there is known;
+- an initial velocity of zero, and all points at the depth of the initial position.
+
+One second lies between images, because in the paper the velocity converges in a few seconds. There is no process noise except a
+millionth of the rate over the orbit: the period of the tumbling is known that well, and the error of an update is of that size.
+Everything else in `configuration` is chosen here. The inertia is estimated up to its scale: the paper's sixth element is the
+scale, which nothing shows, and which hides that the other five are observable.
 
 Body axes are the camera's at the first epoch, exactly; how far images can carry that on limits the rate in body axes
 (Cramer-Rao gain 1345 with 1 s between images, 602 with 5 s), not the one in inertial axes (3610, 1616).

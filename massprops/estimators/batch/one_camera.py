@@ -1,11 +1,11 @@
 """The smoother on one camera's tracks, as structure from motion leaves them: attitudes to begin with, pixels to fit.
 
-The attitudes of structure from motion come from the same pixels, so only the pixels count. Their errors are shared:
-features near each other on the body slide alike under one Sun, all features of neighbouring frames are matched alike, and
-whatever passes the same side of the camera, the limb or the terminator, slides the same way there all the time. So the
-covariance is a sandwich with clusters in three ways, places on the body, blocks of time and places before the camera (Huber
-1967; Liang and Zeger 1986, eq. 5; Cameron, Gelbach and Miller 2011, eq. 2.10), each cluster judged without itself. Focal length and radial distortion were found from the same images: both are free again,
-since a body that turns freely tells them apart from its shape.
+The attitudes of structure from motion come from the same pixels, so only the pixels count. Their errors are shared. Features
+near each other on the body slide alike under one Sun. All features of neighbouring frames are matched alike. Whatever passes the
+limb or the terminator slides the same way there all the time. So the covariance is a sandwich with clusters in three ways: places
+on the body, blocks of time, places before the camera (Huber 1967; Liang and Zeger 1986, eq. 5; Cameron, Gelbach and Miller 2011,
+eq. 2.10). Each cluster is judged without itself. Focal length and radial distortion were found from the same images: both are free
+again, since a body that turns freely tells them apart from its shape.
 """
 
 from __future__ import annotations

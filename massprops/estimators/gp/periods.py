@@ -1,9 +1,8 @@
 """First guesses of the two fundamental frequencies of a tumbling motion, from the spectrum of its measurements.
 
-kabir2025 Algorithm 1 takes the tallest bins of a Fourier transform as periods. Three things are mended here: the mean
-is removed, lines are located between bins (matching pursuit with a refined peak) so that a period is not limited to
-T/m, and candidates include differences of lines, since the polhode frequency itself is often absent and shows only
-as the spacing of others.
+kabir2025 Algorithm 1 takes the tallest bins of a Fourier transform as periods. Three things are mended here. The mean is
+removed. Lines are located between bins (matching pursuit with a refined peak), so that a period is not limited to T/m.
+Candidates include differences of lines: the polhode frequency itself is often absent and shows only as the spacing of others.
 """
 
 from __future__ import annotations
