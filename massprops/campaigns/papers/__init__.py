@@ -4,7 +4,7 @@ A file has `PAPER`, `CASES` (case -> one sentence), `RUNS` (case -> default numb
 whole set-up as plain JSON), `runs(configuration, seeds) -> rows` (one flat row per seed, in order; a failed run is a row
 with `error`; the row of a seed does not depend on the other seeds) and `table(case, rows)` (`title`, `columns`, `rows`,
 `notes`: ours beside the paper's). Optional: `CHUNK` (runs worked on together), `BOXES` (case -> columns to draw),
-`speed()` (a benchmark as a flat dict). Files whose names begin with an underscore are parts of one. Adding a file adds the
+`speed()` (a benchmark as a flat dict), `REFERENCE` (where it was published). Files whose names begin with an underscore are parts of one. Adding a file adds the
 paper; so does an installed package, by an entry point of the group `massprops.papers` whose value is such a module.
 """
 
@@ -14,6 +14,7 @@ from functools import cache
 from importlib import import_module
 from typing import Any, Protocol, cast
 
+from massprops.campaigns.papers._references import Reference
 from massprops.documents.fields import unknown
 from massprops.packaged import Wanted, faults_by, is_text, names_of, packaged, takes
 
@@ -72,6 +73,12 @@ def load_paper(name: str) -> Paper:
     if name in _packaged():
         return _packaged()[name]
     raise unknown("paper", name, papers())
+
+
+def references() -> dict[str, Reference]:
+    """Where each paper was published, by its name; only of those that say it (`REFERENCE`)."""
+    every = {name: load_paper(name) for name in papers()}
+    return {name: paper.REFERENCE for name, paper in every.items() if hasattr(paper, "REFERENCE")}
 
 
 def checked_case(paper: Paper, case: str) -> str:

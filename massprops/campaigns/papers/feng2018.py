@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from massprops.campaigns.consistency import consistency
+from massprops.campaigns.papers._references import Reference
 from massprops.campaigns.papers._seeds import each_seed, percentiles, stereo_pair
 from massprops.core.linalg import normalised_square
 from massprops.dynamics.alignment import q_method
@@ -36,6 +37,13 @@ from massprops.sensing.pinhole import Pinhole, project
 from massprops.sensing.stereo import triangulate
 
 PAPER = "feng2018"
+REFERENCE = Reference(
+    "Q. Feng, Q. Pan, X. Hou, Y. Liu, Z. H. Zhu",
+    "Vision-based relative state and inertia ratio estimation of un-cooperative targets",
+    "CSME International Congress, Toronto",
+    2018,
+    "10.25071/10315/35405",  # as the repository of York University has it
+)
 CASES = {
     "figure2": "3000 s of tumbling seen by a stereo pair, image noise 0.2 px",
     "short": "the same over the first 600 s",

@@ -23,6 +23,7 @@ from massprops.campaigns.papers._hu2024_frames import (
     local_rates,
 )
 from massprops.campaigns.papers._hu2024_scores import SYMMETRIES, rms, scores
+from massprops.campaigns.papers._references import Reference
 from massprops.campaigns.papers._seeds import MU, column, on_circular_orbit, percentiles, stereo_pair
 from massprops.core.linalg import inverse_of
 from massprops.dynamics.chaser_path import chaser_path
@@ -50,6 +51,14 @@ from massprops.sensing.pinhole import Pinhole, project
 from massprops.sensing.stereo import triangulate
 
 PAPER = "hu2024"
+REFERENCE = Reference(
+    "Q. Hu, S. Wu, F. Meng, Z. Wu",
+    "Relative Motion Estimation Algorithm for Noncooperative Targets Considering Multiple Solutions of "
+    "Rotational Parameters",
+    "Sensors 24, 1811",
+    2024,
+    "10.3390/s24061811",
+)
 CASES = {
     "frame": "figure 5: the attitude of the unique principal frame at four noise levels; how often each rule flips",
     "motion": "figures 6-11: the filter through occlusions of 20 s, with the unique frame and without it",

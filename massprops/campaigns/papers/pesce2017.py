@@ -13,8 +13,15 @@ import numpy as np
 
 from massprops.campaigns.consistency import consistency
 from massprops.campaigns.papers._pesce2017_state import COLUMNS
+from massprops.campaigns.papers._references import Reference
 
 PAPER = "pesce2017"
+REFERENCE = Reference(
+    "V. Pesce, M. Lavagna, R. Bevilacqua",
+    "Stereovision-based pose and inertia estimation of unknown and uncooperative space objects",
+    "Advances in Space Research 59, 236-251",
+    2017,
+)
 CASES = {
     "A": "slow tumble, Euler pseudo-measurement with a real differentiator of measured rates (Table 1)",
     "A-sensor": "slow tumble, pseudo-measurement as the paper simulates it: true acceleration plus noise (Table 1)",

@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from massprops.campaigns.consistency import consistency
+from massprops.campaigns.papers._references import Reference
 from massprops.campaigns.papers._seeds import MU, each_seed, on_circular_orbit, percentiles
 from massprops.core.linalg import normalised_square
 from massprops.dynamics import runge_kutta
@@ -42,6 +43,13 @@ from massprops.estimators.ranging.batch_start import fit_first
 from massprops.estimators.ranging.inertial import BASE, RangeData, RangeMotion, RangeStart, range_filtered, to_camera
 
 PAPER = "volpe2017"
+REFERENCE = Reference(
+    "R. Volpe, M. Sabatini, G. B. Palmerini",
+    "Pose and Shape Reconstruction of a Noncooperative Spacecraft Using Camera and Range Measurements",
+    "International Journal of Aerospace Engineering, 4535316",
+    2017,
+    "10.1155/2017/4535316",
+)
 CASES = {
     "orbit": "tables 1-2: errors at the start and after one orbit; the first frames are fitted as a batch",
     "plain": "the same with the filter alone from the first frame on, as the paper has it",
