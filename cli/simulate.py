@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 from massprops import simulate
+from massprops.documents.limits import excerpt
 from massprops.errors import InputError
 from massprops_cli.options import Force, Quiet, argument, as_json, defaults, option, takes
 from massprops_cli.terminal import say
@@ -86,7 +87,7 @@ def _size(text: str | None) -> tuple[int, int] | None:
     try:
         width, height = (int(v) for v in text.lower().split("x"))
     except ValueError:
-        raise InputError(f"--size {text}: give it as WIDTHxHEIGHT, for example 640x480") from None
+        raise InputError(f"--size {excerpt(text)}: give it as WIDTHxHEIGHT, for example 640x480") from None
     return width, height
 
 
@@ -96,7 +97,7 @@ def _distortion(text: str | None) -> tuple[float, ...] | None:
     try:
         return tuple(float(v) for v in text.split(","))
     except ValueError:
-        raise InputError(f"--distortion {text}: give it as K1,K2, for example -0.1,0.02") from None
+        raise InputError(f"--distortion {excerpt(text)}: give it as K1,K2, for example -0.1,0.02") from None
 
 
 def _hidden(text: str | None) -> tuple[float, ...] | None:
@@ -106,4 +107,4 @@ def _hidden(text: str | None) -> tuple[float, ...] | None:
         share, place = text.split(":")
         return (float(share), *(float(v) for v in place.split(",")))
     except ValueError:
-        raise InputError(f"--hidden-mass {text}: give it as SHARE:X,Y,Z, for example 0.08:0.4,0,0.2") from None
+        raise InputError(f"--hidden-mass {excerpt(text)}: give it as SHARE:X,Y,Z, for example 0.08:0.4,0,0.2") from None

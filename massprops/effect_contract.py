@@ -52,7 +52,7 @@ class Parameter:
     form: int = 0
 
 
-class _Sky(NamedTuple):
+class _Environment(NamedTuple):
     """Surroundings to try a function in, as `massprops.dynamics.environment.EnvironmentState`."""
 
     position: tuple[Any, Any, Any] = (7e6, 1e5, -2e5)
@@ -64,7 +64,7 @@ class _Sky(NamedTuple):
 Hook = Callable[[ModuleType, Any, Any, Any, Any], Any]
 HOOKS: dict[str, tuple[int, Hook]] = {
     # name: how many components it gives, and how it is called with time, attitude, rate and parameters
-    "torque": (3, lambda m, t, q, w, p: m.torque(t, q, w, p, (0.9, 1.0, 1.1, 0.01, 0.0, 0.02), _Sky())),
+    "torque": (3, lambda m, t, q, w, p: m.torque(t, q, w, p, (0.9, 1.0, 1.1, 0.01, 0.0, 0.02), _Environment())),
     "inertia": (6, lambda m, t, q, w, p: m.inertia(t, (0.9, 1.0, 1.1, 0.01, 0.0, 0.02), p)),
     "internal": (3, lambda m, t, q, w, p: m.internal(t, w, p)),
     "internal_start": (3, lambda m, t, q, w, p: m.internal_start(w, p)),

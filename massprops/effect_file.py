@@ -30,6 +30,7 @@ USE_SECONDS = 60.0
 LOOKS = 10
 """At the stack in that time."""
 CPU_SECONDS = 20
+"""Processor time that the trial of an effect file may take."""
 MEMORY_BYTES = 2 * 10**9
 LARGEST_BYTES = 1_000_000
 PREFIX = "massprops_effect_of_user_"

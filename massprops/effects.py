@@ -1,10 +1,12 @@
 """What the file of an effect holds, and the catalogue of all effects.
 
-An effect is one file in `dynamics/effects/` or `sensing/effects/`, named as the effect with underscores. It holds
-`NAME`, `SENTENCE` (for users), `FORMULA` (the same in symbols), `NOTE` (what the parameters mean, where their names do not
-say it), `PARAMETERS`, `NEEDS` (names of surroundings or sensors it cannot do without), `BODY` (names of the parameters that
-belong to the body and are the same in all its records, where it has such) and the functions by which it changes the motion
-or a measurement. Adding a file adds the effect.
+An effect is one file in `dynamics/effects/` or `sensing/effects/`, named as the effect with underscores. Adding a file adds
+the effect. It holds the functions by which it changes the motion or a measurement, and
+
+- `NAME`, `SENTENCE` (for users), `FORMULA` (the same in symbols), `PARAMETERS`;
+- `NOTE`: what the parameters mean, where their names do not say it;
+- `NEEDS`: names of surroundings or sensors it cannot do without;
+- `BODY`: names of the parameters that belong to the body and are the same in all its records, where it has such.
 
 A user's own effect is such a file too: `--effect FILE.py` (`massprops.effect_file`) adds it for one command, an entry
 point of the group `massprops.effects`, whose value is a module, for good.

@@ -45,11 +45,15 @@ def faults_by(wanted: Wanted) -> Callable[[ModuleType], str]:
     return faults
 
 
-def modules_of(package: str) -> list[ModuleType]:
-    """The modules right in a package of massprops, in the order of their file names; those that begin with _ are parts."""
+def names_of(package: str) -> list[str]:
+    """Names of the modules right in a package of massprops, sorted; those that begin with _ are parts of others."""
     folder = import_module(package).__path__
-    names = sorted(entry.name for entry in pkgutil.iter_modules(folder) if not entry.name.startswith("_"))
-    return [import_module(f"{package}.{name}") for name in names]
+    return sorted(entry.name for entry in pkgutil.iter_modules(folder) if not entry.name.startswith("_"))
+
+
+def modules_of(package: str) -> list[ModuleType]:
+    """The modules of `names_of`."""
+    return [import_module(f"{package}.{name}") for name in names_of(package)]
 
 
 def packaged(

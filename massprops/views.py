@@ -12,6 +12,9 @@ import numpy as np
 
 from massprops.documents.arrays import open_arrays
 
+AMBIGUOUS = 128
+"""Value of a silhouette's pixel of which it cannot be told whether it shows the object; 255 does, 0 does not."""
+
 
 def entries(start: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Entries of some rows of lists kept end to end, row i from start[i] to start[i + 1].

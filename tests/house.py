@@ -1,5 +1,5 @@
-"""What `make lint` checks beside ruff and mypy: short functions, few parameters, no name that hides an import, no
-statements that stand twice, nothing unused.
+"""What `make lint` checks beside ruff and mypy: short functions, few parameters, many fields by name, no name that hides an
+import, no statements that stand twice, nothing unused.
 
 `python -m tests.house` prints one line for each fault. What is excepted is named below; an exception that is needed no
 longer is noted.
@@ -56,6 +56,21 @@ WIDE = {
     "massprops/surface/registration.py:placed",
 }
 """Functions, as `path:name`, with up to ten parameters, and why: no new one without a reason."""
+
+MOST_BY_PLACE = 7
+"""Values that an object may be made of without their names."""
+
+
+def place_faults() -> list[str]:
+    """Objects made of many values in a row, of which a reader cannot tell which is which."""
+    return [
+        f"{path.relative_to(ROOT)}:{node.lineno}: {node.func.id} is made of {len(node.args)} values without their names"
+        for path in product()
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id.lstrip("_")[:1].isupper()
+        if len(node.args) > MOST_BY_PLACE and not any(isinstance(a, ast.Starred) for a in node.args)
+    ]
+
 
 REPEATED_LINES = 6
 """Lines of statements that must not stand twice."""
@@ -200,6 +215,6 @@ def unused_faults() -> list[str]:
 
 
 if __name__ == "__main__":
-    faults = size_faults() + shadow_faults() + repeat_faults() + unused_faults()
+    faults = size_faults() + place_faults() + shadow_faults() + repeat_faults() + unused_faults()
     print(*faults, sep="\n", end="\n" if faults else "")
     sys.exit(bool(faults))

@@ -9,7 +9,7 @@ import re
 import numpy as np
 
 import massprops
-from massprops.campaigns.papers._references import REFERENCES
+from massprops.campaigns.papers import references
 from massprops.estimators.methods import methods
 from massprops.estimators.needs import SAID
 
@@ -57,10 +57,10 @@ def page(name: str, method, one, facts) -> str:
     said = [f"# {name}", "", sentence(method)[:1].upper() + sentence(method)[1:], "", f"Reads: {needs(method)}.", ""]
     if more:
         said += [more, ""]
-    for key in REFERENCES:
+    for key, reference in references().items():
         if re.search(key, f"{head[0]} {sentence(method)} {more}"):
             said += [
-                f"Based on {REFERENCES[key].authors}, *{REFERENCES[key].title}*: see [the papers](../papers.md#{key}).",
+                f"Based on {reference.authors}, *{reference.title}*: see [the papers](../papers.md#{key}).",
                 "",
             ]
     if one is not None and one.k1 is not None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import inspect
 
-from massprops.campaigns.papers import load_paper
-from massprops.campaigns.papers._references import REFERENCES, Reference
+from massprops.campaigns.papers import load_paper, references
+from massprops.campaigns.papers._references import Reference
 
 
 def _doi(reference: Reference) -> str:
@@ -22,7 +22,7 @@ def pages() -> dict[str, str | bytes]:
         "[all measurements](measurements.md#the-papers).",
         "",
     ]
-    for name, reference in REFERENCES.items():
+    for name, reference in references().items():
         paper = load_paper(name)
         said = inspect.getdoc(paper).split("\n", 1)
         parts += [

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from massprops.report.html import round_marks
-from massprops.report.svg import Axes, dot, drawing, legend, line, words
+from massprops.report.svg import Axes, box, dot, drawing, legend, line, words
 
 SIZE, MARGIN = (640, 240), (68, 12, 10, 20)
 MOST_DOTS = 60
@@ -47,7 +47,7 @@ def _box(x: float, half: float, values: np.ndarray, py: Callable[[float], Any], 
     p5, p25, p50, p75, p95 = (float(py(v)) for v in np.percentile(values, (5, 25, 50, 75, 95)))
     style = f'class="s{k % 6}" fill="none" stroke-width="1.4"'
     lines = [
-        f'<rect {style} x="{x - half:.1f}" y="{p75:.1f}" width="{2 * half:.1f}" height="{max(p25 - p75, 0.8):.1f}"/>',
+        box(x - half, p75, 2 * half, max(p25 - p75, 0.8), style),
         line(x - half, p50, x + half, p50, style),
     ]
     for inner, outer in ((p25, p5), (p75, p95)):

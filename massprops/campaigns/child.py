@@ -21,6 +21,7 @@ IDLE_S = 600.0
 
 def main() -> int:
     """Answers requests until stdin ends."""
+    from massprops.core.messages import HANDLE, sayer
     from massprops.core.processes import die_with_parent, limit_memory
 
     die_with_parent()
@@ -29,12 +30,7 @@ def main() -> int:
     from massprops.campaigns.kinds import load_kind
     from massprops.campaigns.versions import versions
 
-    pipe = os.fdopen(int(os.environ.pop("MASSPROPS_PIPE")), "w")
-
-    def say(content: dict[str, Any]) -> None:
-        pipe.write(json.dumps(content) + "\n")
-        pipe.flush()
-
+    say = sayer(int(os.environ.pop(HANDLE)))
     while select.select([sys.stdin], [], [], IDLE_S)[0]:
         line = sys.stdin.readline()
         if not line:

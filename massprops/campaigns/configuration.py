@@ -8,11 +8,10 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from massprops.campaigns.draws import check_draw, extremes
-from massprops.campaigns.kinds import kinds, load_kind
+from massprops.campaigns.kinds import Kind, kinds, load_kind
 from massprops.core.files import hash_of, plain
 from massprops.documents.campaign import LARGEST_SEED, CampaignFile
 from massprops.documents.fields import keys, read, unknown
@@ -210,9 +209,7 @@ def check_size(plan: Plan, yes: bool) -> None:
         )
 
 
-def _known_keys(
-    where: str, kind: ModuleType, fixed: dict[str, Any], grid: dict[str, Any], draw: dict[str, Any]
-) -> None:
+def _known_keys(where: str, kind: Kind, fixed: dict[str, Any], grid: dict[str, Any], draw: dict[str, Any]) -> None:
     known = kind.parameters(fixed, grid)
     for part, content, names in (("key", fixed, [*RESERVED, *known]), ("grid", grid, known), ("draw", draw, known)):
         for key in content:
@@ -225,7 +222,7 @@ def _known_keys(
             raise InputError(f"{where}: {twice[0]} is set twice: keep it in one of key, grid and draw")
 
 
-def _check_values(plan: Plan, kind: ModuleType) -> None:
+def _check_values(plan: Plan, kind: Kind) -> None:
     """Checks every value of every axis once, at one common point, not all combinations."""
     axes = {**plan.grid, **{name: extremes(spec) for name, spec in plan.draw.items()}}
     first = {name: values[0] for name, values in axes.items()}

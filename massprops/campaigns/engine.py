@@ -182,6 +182,15 @@ def rows_of(chunk: Chunk, reply: Any) -> list[Row]:
     if "differs" in reply:
         check_versions(reply["worker"], reply["differs"])
     return [
-        Row(chunk.point, r["seed"], r["data"], r["error"], r["wall_s"], r["cpu_s"], reply["worker"], r["versions"])
+        Row(
+            point=chunk.point,
+            seed=r["seed"],
+            data=r["data"],
+            error=r["error"],
+            wall_s=r["wall_s"],
+            cpu_s=r["cpu_s"],
+            worker=reply["worker"],
+            versions=r["versions"],
+        )
         for r in reply["rows"]
     ]

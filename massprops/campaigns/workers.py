@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import select
 import signal
 import socket
 import subprocess
@@ -15,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from massprops.core.messages import HANDLE, Listener, Silence
 from massprops.core.processes import child_environment, python_module
 
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "BLIS_NUM_THREADS")
@@ -55,7 +55,7 @@ class Process:
 
     def __init__(self, own_threads: bool) -> None:
         read, write = os.pipe()
-        environment = child_environment(MASSPROPS_PIPE=str(write))
+        environment = child_environment(**{HANDLE: str(write)})
         if not own_threads:
             environment |= dict.fromkeys(ONE_THREAD, "1")
         out = None if os.environ.get("MASSPROPS_DEBUG") else subprocess.DEVNULL
@@ -71,8 +71,7 @@ class Process:
             start_new_session=True,
         )
         os.close(write)
-        self.pipe = read
-        self.buffer = b""
+        self.pipe, self.listener = read, Listener(read)
 
     def ask(
         self,
@@ -93,43 +92,32 @@ class Process:
             self.child.stdin.flush()
         except OSError:
             return self._died()
-        ready = self._line(time.monotonic() + START_S, None)
-        if not isinstance(ready, dict):
-            return self._died() if ready == "died" else Reply(failure="time", message="its process did not start")
-        self.versions = ready["ready"]
+        try:
+            self.versions = self.listener.next(START_S)["ready"]
+        except Silence as silence:
+            ended = silence.why == "ended"
+            return self._died() if ended else Reply(failure="time", message="its process did not start")
         if strict and self.versions != versions:
             raise Differs(self.versions)
         begun = time.monotonic()
-        found = self._line(None if time_s is None else begun + time_s, memory_mb)
-        if isinstance(found, dict):
-            spent = {"wall_s": found["wall_s"], "cpu_s": found["cpu_s"], "versions": self.versions}
-            if "raised" in found:
-                return Reply(failure="raised", message=found["raised"], **spent)
-            return Reply(found["rows"], **spent)
-        if found == "died":
-            return self._died()
-        self.end()
-        limit = f"{time_s:g} s" if found == "time" else f"{memory_mb:g} MB"
-        return Reply(failure=found, message=f"over its {found} limit of {limit}", wall_s=time.monotonic() - begun)
+        most = float("inf") if memory_mb is None else memory_mb
 
-    def _line(self, deadline: float | None, memory_mb: float | None) -> dict[str, Any] | str:
-        """The next message, or why none came."""
-        while b"\n" not in self.buffer:
-            left = None if deadline is None else deadline - time.monotonic()
-            if left is not None and left <= 0:
-                return "time"
-            if memory_mb is not None:
-                left = LOOK_S if left is None else min(left, LOOK_S)
-            if select.select([self.pipe], [], [], left)[0]:
-                piece = os.read(self.pipe, 1 << 16)
-                if not piece:
-                    return "died"
-                self.buffer += piece
-            if memory_mb is not None and memory_of(self.child.pid) > memory_mb:
-                return "memory"
-        line, self.buffer = self.buffer.split(b"\n", 1)
-        found: dict[str, Any] = json.loads(line)
-        return found
+        def too_large() -> str:
+            return "memory" if memory_of(self.child.pid) > most else ""
+
+        try:
+            found = self.listener.next(time_s, None if memory_mb is None else too_large, LOOK_S)
+        except Silence as silence:
+            if silence.why == "ended":
+                return self._died()
+            self.end()
+            limit = f"{time_s:g} s" if silence.why == "time" else f"{memory_mb:g} MB"
+            said = f"over its {silence.why} limit of {limit}"
+            return Reply(failure=silence.why, message=said, wall_s=time.monotonic() - begun)
+        spent = {"wall_s": found["wall_s"], "cpu_s": found["cpu_s"], "versions": self.versions}
+        if "raised" in found:
+            return Reply(failure="raised", message=found["raised"], **spent)
+        return Reply(found["rows"], **spent)
 
     def _died(self) -> Reply:
         with contextlib.suppress(subprocess.TimeoutExpired):

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from massprops.documents.limits import excerpt
 from massprops.errors import InputError
 from massprops.views import Views
 
@@ -41,7 +42,7 @@ def parse(option: str, value: str) -> Pointed:
     file, _, rest = str(value).rpartition(":")
     wanted = 4 if option == "box" else 2
     form = "X0,Y0,X1,Y1" if option == "box" else "X,Y"
-    said = f"--{option} {value}"
+    said = f"--{option} {excerpt(str(value))}"
     try:
         numbers = [float(n) for n in rest.split(",")]
     except ValueError:

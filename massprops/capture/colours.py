@@ -18,6 +18,7 @@ LEARN_AT = 480
 """Longer side at which colours are counted [px]."""
 
 ROUNDS = 3
+"""Times that colours are learned from the answer."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ def learn(images: list[np.ndarray], masks: list[np.ndarray]) -> Colours:
 
 
 def agrees(found: np.ndarray, rough: np.ndarray) -> bool:
-    """Whether a corrected silhouette is still the thing that the rough one showed: more than half of each in the other."""
+    """Whether a corrected silhouette (h, w) is still the thing that the rough one (h, w) showed: more than half of each in the other."""
     common = np.count_nonzero(found & rough)
     return bool(2 * common > max(np.count_nonzero(found), np.count_nonzero(rough)))
 

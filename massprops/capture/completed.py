@@ -28,7 +28,7 @@ BESIDE = 3.0
 """Cubes this near to a point of something else that stands there are its own [cubes]."""
 LEAST_CUBES, FAIR = 30, 10
 """Cubes of a part, and steps in which it is made smooth."""
-SURE = 3.0
+LEAST_GAIN = 3.0
 """Standard errors by which the images left out must agree better with a part. Chosen while looking at a padlock."""
 
 
@@ -85,7 +85,7 @@ class Part:
     def sure(self) -> bool:
         """Whether the images that did not find it agree better with it."""
         error = float(np.std(self.gain)) / np.sqrt(len(self.gain))
-        return bool(np.mean(self.gain) > SURE * error) and bool(np.median(self.gain) > 0)
+        return bool(np.mean(self.gain) > LEAST_GAIN * error) and bool(np.median(self.gain) > 0)
 
 
 def missing_parts(

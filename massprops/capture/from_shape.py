@@ -168,7 +168,7 @@ def far_from(depth: np.ndarray) -> np.ndarray:
 
 
 def outline_band(drawn: np.ndarray) -> int:
-    """Pixels about a drawn silhouette that the image itself decides."""
+    """Pixels about a drawn silhouette (h, w) bool that the image itself decides."""
     return max(LEAST_BAND, round(BAND * equivalent_diameter(drawn)))
 
 
@@ -180,7 +180,7 @@ def beyond_band(drawn: np.ndarray) -> np.ndarray:
 
 
 def equivalent_diameter(mask: np.ndarray) -> float:
-    """Diameter of the disc of the mask's area [px]."""
+    """Diameter of the disc of the area of a mask (h, w) bool [px]."""
     return float(np.sqrt(4.0 / np.pi * np.count_nonzero(mask)))
 
 
@@ -353,7 +353,7 @@ def share_covered(
 
 
 def overlap(a: np.ndarray, b: np.ndarray) -> float:
-    """Intersection over union of two masks, 1 where both are empty."""
+    """Intersection over union of two masks (h, w) bool, 1 where both are empty."""
     union = np.count_nonzero(a | b)
     return 1.0 if union == 0 else float(np.count_nonzero(a & b) / union)
 

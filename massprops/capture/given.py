@@ -9,9 +9,7 @@ import numpy as np
 
 from massprops.capture.images import decoded, orientation, printable, turn, turned_back
 from massprops.errors import InputError
-
-DOUBT = 128
-"""Value of a pixel of which cannot be told whether it shows the object."""
+from massprops.views import AMBIGUOUS
 
 
 class GivenMasks:
@@ -99,9 +97,9 @@ def load_mask(path: Path, source_size: tuple[int, int], size: tuple[int, int], i
         raise InputError(
             f"{path}: mask is {have[0]}x{have[1]}, its image {source_size[0]}x{source_size[1]}; they must agree"
         )
-    ambiguous = mask == DOUBT if np.isin(mask, (0, DOUBT, 255)).all() else np.zeros(mask.shape, bool)
+    ambiguous = mask == AMBIGUOUS if np.isin(mask, (0, AMBIGUOUS, 255)).all() else np.zeros(mask.shape, bool)
     object_, unknown = (_resized(m, tuple(size)) for m in ((mask > 127) & ~ambiguous, ambiguous))
-    return np.where(object_, 255, np.where(unknown, DOUBT, 0)).astype(np.uint8)
+    return np.where(object_, 255, np.where(unknown, AMBIGUOUS, 0)).astype(np.uint8)
 
 
 def _resized(mask: np.ndarray, size: tuple[int, ...]) -> np.ndarray:
@@ -126,6 +124,6 @@ def to_original(mask: np.ndarray, source_size: tuple[int, int], exif: int = 1) -
     import cv2
 
     size = tuple(int(v) for v in source_size)
-    soft = [cv2.resize(np.where(mask == v, 1.0, 0.0), size, interpolation=cv2.INTER_LINEAR) for v in (255, DOUBT)]
-    out = np.where(soft[0] > 0.5, 255, np.where(soft[1] >= 0.5, DOUBT, 0)).astype(np.uint8)
+    soft = [cv2.resize(np.where(mask == v, 1.0, 0.0), size, interpolation=cv2.INTER_LINEAR) for v in (255, AMBIGUOUS)]
+    out = np.where(soft[0] > 0.5, 255, np.where(soft[1] >= 0.5, AMBIGUOUS, 0)).astype(np.uint8)
     return turned_back(out, exif) if exif >= 5 and size[0] != size[1] else out

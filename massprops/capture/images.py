@@ -197,7 +197,7 @@ def load(path: Path, longest: int | None = None) -> np.ndarray:
 
 
 def decoded(path: Path, how: int) -> np.ndarray | None:
-    """An image file by OpenCV, or None where it cannot be read; `how` is one of its IMREAD flags."""
+    """An image file (h, w) or (h, w, 3) by OpenCV, or None where it cannot be read; `how` is one of its IMREAD flags."""
     import cv2
 
     try:
@@ -228,12 +228,12 @@ def orientation(path: Path) -> int:
 
 
 def turn(image: np.ndarray, orientation: int) -> np.ndarray:
-    """The image as shown, from its pixels as stored and its EXIF orientation 1 to 8."""
+    """The image (h, w, ...) as shown, from its pixels as stored and its EXIF orientation 1 to 8."""
     return np.ascontiguousarray(np.rot90(_mirrored(image, orientation), -QUARTER_TURNS[orientation]))
 
 
 def turned_back(image: np.ndarray, orientation: int) -> np.ndarray:
-    """The pixels as stored, from the image as shown: undoes `turn`."""
+    """The pixels (h, w, ...) as stored, from the image as shown: undoes `turn`."""
     return np.ascontiguousarray(_mirrored(np.rot90(image, QUARTER_TURNS[orientation]), orientation))
 
 
@@ -245,7 +245,7 @@ def _mirrored(image: np.ndarray, orientation: int) -> np.ndarray:
 
 
 def reduce(image: np.ndarray, longest: int | None) -> np.ndarray:
-    """The image with its longer side at most `longest` [px]."""
+    """The image (h, w, ...) with its longer side at most `longest` [px]."""
     import cv2
 
     height, width = image.shape[:2]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprops.capture.unknown_pixels import UNKNOWN
+from massprops.views import AMBIGUOUS
 
 DARK = 40
 """Grey level below which sky is black."""
@@ -66,4 +66,4 @@ def _widened(region: np.ndarray, reach: float) -> np.ndarray:
 
 def without(mask: np.ndarray, region: np.ndarray) -> np.ndarray:
     """A silhouette (h, w) that says nothing in the region (h, w)."""
-    return np.where(region, np.uint8(UNKNOWN), mask)
+    return np.where(region, np.uint8(AMBIGUOUS), mask)

@@ -205,7 +205,7 @@ class Voxels:
 
 
 def voxels(views: Views, maps: Occlusion, plane: np.ndarray, region: Region, count: int) -> Voxels:
-    """What the views say of each cube; `count` cubes along the width of the space."""
+    """What the views say of each cube above a plane (4,); `count` cubes along the width of the space."""
     first, second = axes(plane)
     size = 2 * WIDE * region.radius / count
     foot = region.centre - (region.centre @ plane[:3] + plane[3]) * plane[:3]
@@ -357,7 +357,7 @@ def drawn_agreement(views: Views, maps: Occlusion, shapes: list[tuple[np.ndarray
 
 
 def support_agreement(views: Views, maps: Occlusion, vertices: np.ndarray, faces: np.ndarray) -> float:
-    """Median over the views of `drawn_agreement` for one shape."""
+    """Median over the views of `drawn_agreement` for one shape, vertices (v, 3) and faces (f, 3)."""
     return float(np.median(drawn_agreement(views, maps, [(vertices, faces)])))
 
 

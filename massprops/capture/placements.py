@@ -27,7 +27,7 @@ NEXT_DEG = 12.0
 """Angle within which one placement is sure to show the same features. Where only one part meets the other, pairs so near
 across the division must share less than pairs of like direction within it, which are farther apart: next to a border of
 one placement they share more."""
-SURE = 0.3
+LEAST_COMPONENT = 0.3
 """Part of its largest component from which on a component of the dividing eigenvector has a sign."""
 LEAST_SHARED = 3
 """Features in common with a placement's images, all together, that make an image one of them."""
@@ -356,7 +356,7 @@ def _sides(affinity: np.ndarray, shared: np.ndarray) -> np.ndarray:
     The eigenvector keeps to where the directions of two placements meet; along the rest of a long ring its sign is noise.
     """
     leading = np.linalg.eigh(affinity)[1][:, -1]
-    side = np.where(np.abs(leading) > SURE * np.abs(leading).max(), np.sign(leading), 0.0)
+    side = np.where(np.abs(leading) > LEAST_COMPONENT * np.abs(leading).max(), np.sign(leading), 0.0)
     while (side == 0).any():
         drawn = np.where(side == 0, shared @ side, 0.0)
         surest = int(np.argmax(np.abs(drawn)))

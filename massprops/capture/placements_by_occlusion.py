@@ -17,7 +17,7 @@ LEAST_IMAGES = 8
 BETTER = 0.015
 """Rise of the predicted intersection over union that a division must bring. Set on one plain cup, turned over and moved by
 its own width: .039 at the right place, .049 at the best. Of a flat plate no hull explains enough to be divided."""
-SURELY = 4.0
+LEAST_GAIN = 4.0
 """Where hulls explain little, standard errors by which those before and after a long pause must explain more than as many images
 taken by turns. Of a plain banana on glossy tiles, turned over in a pause, they explain .55 and .35, one hull for both .21."""
 
@@ -61,7 +61,7 @@ def divide_by_occlusion(grid: Voxels, maps: Occlusion, timestamp_ns: np.ndarray 
             sound = min(first.mean(), second.mean()) > LEAST_AGREEMENT
             if paused and not sound:
                 gain = both - by_turns
-                sound = gain.mean() > SURELY * gain.std() / np.sqrt(len(gain))
+                sound = gain.mean() > LEAST_GAIN * gain.std() / np.sqrt(len(gain))
             if sound and rise > BETTER and (best is None or rise > best[0]):
                 best = (rise, first, second, cut)
         if best is None:

@@ -145,7 +145,7 @@ def main_object(masks: list[np.ndarray], what: str) -> str | None:
     """Looks for a second body of like size, apart from the first in most frames.
 
     Args:
-        masks: silhouettes spread over the footage.
+        masks: silhouettes (h, w) spread over the footage.
         what: the footage's name, for the message.
 
     Returns:

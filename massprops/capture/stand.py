@@ -65,7 +65,7 @@ class Top:
 
 
 def lowest_support(scene: Scene, plane: np.ndarray, seed: int = 0) -> np.ndarray:
-    """The lowest plane seen that is parallel to a support and below it, or the support itself."""
+    """The lowest plane (4,) seen that is parallel to a support (4,) and below it, or the support itself."""
     few = thin_cells(scene.xyz, scene.region.radius / 150)
     xyz, normal = scene.xyz[few], scene.normal[few]
     middle = scene.region.centre

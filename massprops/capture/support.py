@@ -48,7 +48,7 @@ class OnSupport:
 
 
 def thin_cells(xyz: np.ndarray, size: float) -> np.ndarray:
-    """Indices of one point for each cell of a grid of `size`, the first in order."""
+    """Indices (k,) of one of the points (n, 3) for each cell of a grid of `size`, the first in order."""
     cell = np.floor((xyz - xyz.min(0)) / size).astype(np.int64)
     shape = cell.max(0) + 1
     return np.sort(np.unique((cell[:, 0] * shape[1] + cell[:, 1]) * shape[2] + cell[:, 2], return_index=True)[1])

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-UNKNOWN = 128
+from massprops.views import AMBIGUOUS
 
 
 def predicted_silhouette(uv: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
@@ -42,7 +42,7 @@ def predicted_silhouette(uv: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
 
 
 def with_unknown(mask: np.ndarray, predicted: np.ndarray, margin: int = 2) -> np.ndarray:
-    """The mask with `UNKNOWN` where it says background and the reconstruction says body.
+    """The mask with `AMBIGUOUS` where it says background and the reconstruction says body.
 
     Args:
         mask: (h, w) uint8, 255 object, 0 background.
@@ -53,4 +53,4 @@ def with_unknown(mask: np.ndarray, predicted: np.ndarray, margin: int = 2) -> np
 
     size = 2 * margin + 1
     wide = cv2.dilate(predicted.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
-    return np.where((mask < UNKNOWN) & wide, UNKNOWN, mask).astype(np.uint8)
+    return np.where((mask < AMBIGUOUS) & wide, AMBIGUOUS, mask).astype(np.uint8)

@@ -85,7 +85,7 @@ def _steady(scatter: np.ndarray) -> np.ndarray:
 
 
 def vote(log_odds: np.ndarray) -> np.ndarray:
-    """What a pixel's log odds add to those of a cube that falls on it: bounded above, as something else may be hit."""
+    """What a pixel's log odds, of any shape, add to those of a cube that falls on it: bounded above, as something else may be hit."""
     return -np.log(ELSEWHERE + (1.0 - ELSEWHERE) * np.exp(-log_odds))
 
 

@@ -8,6 +8,7 @@ from massprops.dynamics.quaternion import conjugate, from_rotation_vector, multi
 from massprops.dynamics.rigid_body import propagate
 
 STEP = 1e-6
+"""Of the differences, in turn and rate [rad]."""
 
 
 def free_rotation_residuals(times: np.ndarray, q: np.ndarray, sigma: np.ndarray, inertia: np.ndarray) -> np.ndarray:

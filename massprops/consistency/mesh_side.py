@@ -97,18 +97,18 @@ def read_mesh_side(run: Path) -> MeshSide:
         centre_covariance = apart.T @ apart / len(apart)
     seen = (document.get("surface") or {}).get("observed_fraction")
     return MeshSide(
-        document,
-        inertia,
-        axes,
-        log_components(inertia, axes)[:2],
-        covariance,
-        centre,
-        centre_covariance,
-        stated is not None or found is not None,
-        0.0 if seen is None else float(1.0 - seen),
-        factor,
-        _length(document) if found is None else found.length * factor,
-        np.zeros((0, 3)) if found is None else fill_pulls(*found.surface) * factor,
+        document=document,
+        inertia=inertia,
+        axes=axes,
+        k=log_components(inertia, axes)[:2],
+        covariance=covariance,
+        centre=centre,
+        centre_covariance=centre_covariance,
+        stated=stated is not None or found is not None,
+        unseen=0.0 if seen is None else float(1.0 - seen),
+        factor=factor,
+        length=_length(document) if found is None else found.length * factor,
+        fill=np.zeros((0, 3)) if found is None else fill_pulls(*found.surface) * factor,
     )
 
 

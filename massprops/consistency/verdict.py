@@ -107,18 +107,18 @@ def compare_tied(
     axes_alone = chi_square(difference[2:], spread[2:, 2:]) if with_axes else (0.0, 0)
     away = turn_between(np.linalg.eigh(inertia)[1], mesh.axes)
     return Compared(
-        found,
-        turn,
-        how,
-        chi2,
-        degrees,
-        p_value(chi2, degrees),
-        p_value(*ratios_alone),
-        p_value(*axes_alone) if with_axes else None,
-        float(np.linalg.norm(away)),
-        _sigma_of_turn(spread, mesh, away) if with_axes else None,
-        scale,
-        motion,
+        found=found,
+        turn=turn,
+        tied_by=how,
+        chi2=chi2,
+        degrees=degrees,
+        p=p_value(chi2, degrees),
+        p_ratios=p_value(*ratios_alone),
+        p_axes=p_value(*axes_alone) if with_axes else None,
+        misalignment=float(np.linalg.norm(away)),
+        sigma_axis=_sigma_of_turn(spread, mesh, away) if with_axes else None,
+        scale=scale,
+        covariance=motion,
     )
 
 

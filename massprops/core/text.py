@@ -36,19 +36,29 @@ def table(
 ) -> list[str]:
     """Lines of a table: columns in line, those numbered in `left` to the left and the others to the right.
 
-    A row may lack its last cells; one that is a string stands as it is, below the second column.
+    A row may lack its last cells; one that is a string stands as it is, below the second column. Letters count as wide as a
+    terminal shows them.
     """
+    from rich.cells import cell_len
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
     listed = [head, *rows]
-    cells = [[*row, *[""] * (len(head) - len(row))] for row in listed if not isinstance(row, str)]
-    wide = [max(map(len, column)) for column in zip(*cells, strict=True)]
-    lines = []
-    for row in listed:
-        if isinstance(row, str):
-            lines.append(" " * (indent + wide[0] + 2) + row)
-            continue
-        padded = [c.ljust(w) if k in left else c.rjust(w) for k, (c, w) in enumerate(zip(row, wide, strict=False))]
-        lines.append((" " * indent + "  ".join(padded)).rstrip())
-    return lines
+    given = [[*row, *[""] * (len(head) - len(row))] for row in listed if not isinstance(row, str)]
+    cells = [[" ".join(clean(c).split("\n")) for c in row] for row in given]
+    grid = Table.grid(padding=(0, 2, 0, 0))
+    for k, _ in enumerate(head):
+        grid.add_column(justify="left" if k in left else "right", no_wrap=True)
+    for row in cells:
+        grid.add_row(*(Text(c, tab_size=1) for c in row))
+    console = Console(width=sum(cell_len(c) + 2 for row in cells for c in row) + 1, color_system=None)
+    drawn = iter(console.render_lines(grid, pad=False))
+    below = " " * (indent + max(cell_len(row[0]) for row in cells) + 2)
+    return [
+        below + row if isinstance(row, str) else (" " * indent + "".join(s.text for s in next(drawn))).rstrip()
+        for row in listed
+    ]
 
 
 def with_sigma(value: float | None, sigma: float | None, form: str = ".5f") -> str:

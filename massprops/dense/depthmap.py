@@ -73,16 +73,16 @@ class Matching:
         """The same at half the size."""
         h, w = (n // 2 * 2 for n in self.mask.shape)
         return Matching(
-            pm.grey_pyramid_half(self.image),
-            self.mask[:h:2, :w:2].copy(),
-            _halved(self.K),
-            np.stack([pm.grey_pyramid_half(s) for s in self.sources]),
-            np.stack([_halved(k) for k in self.Ks]),
-            self.R,
-            self.t,
-            self.noise / 2,
-            self.width,
-            self.unique,
+            image=pm.grey_pyramid_half(self.image),
+            mask=self.mask[:h:2, :w:2].copy(),
+            K=_halved(self.K),
+            sources=np.stack([pm.grey_pyramid_half(s) for s in self.sources]),
+            Ks=np.stack([_halved(k) for k in self.Ks]),
+            R=self.R,
+            t=self.t,
+            noise=self.noise / 2,
+            width=self.width,
+            unique=self.unique,
         )
 
     def of_kernel(self) -> tuple[pm.Reference, pm.Sources, pm.Frame]:

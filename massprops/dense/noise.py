@@ -33,7 +33,7 @@ def denoised(grey: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def grey_noise(grey: np.ndarray, mask: np.ndarray) -> float:
-    """1-sigma of pixel noise on the object, within what matching makes use of [grey levels]."""
+    """1-sigma of pixel noise of an image (h, w) on the object, a mask (h, w), within what matching makes use of [grey levels]."""
     return _usable(image_noise(grey, mask > 0), mask)
 
 

@@ -1,7 +1,7 @@
 """PatchMatch multi-view stereo with slanted planes, on the object's pixels only.
 
 Each pixel of the reference holds a plane (depth, normal in the reference's camera). Planes are judged by a
-bilaterally weighted normalised cross-correlation of an 9x9 window (every second pixel) with up to four sources, of
+bilaterally weighted normalised cross-correlation of a 9x9 window (every second pixel) with up to four sources, of
 which the best three count; they spread to neighbours in a red-black order and are refined by shrinking random steps
 (Bleyer, Rhemann, Rother 2011; Galliani, Lasinger, Schindler 2015). The bilateral weights are taken from both images
 (Yoon, Kweon 2006, "Adaptive support-weight approach for correspondence search"): the body turns under a Sun that
@@ -25,15 +25,17 @@ import numpy as np
 Array = np.ndarray
 
 RADIUS, STEP = 4, 2
+"""Of the window, and between its pixels [px]."""
 SIDE = 2 * RADIUS // STEP + 1
 SAMPLES = SIDE * SIDE
 _GRID = np.arange(-RADIUS, RADIUS + 1, STEP)
 DX = np.tile(_GRID, SIDE).astype(np.float32)
 DY = np.repeat(_GRID, SIDE).astype(np.float32)
 BEST = 3
+"""Sources that count."""
 WORST = 2.0
 """Cost of a plane that cannot be judged; 1 - NCC is at most 2."""
-SURE = 0.01
+ROUNDING = 0.01
 """Room for rounding, by which a cost that ends below 0 could be better than what is known of it."""
 LEAST_WEIGHT = 0.2
 """Share of a window that must look like its middle in both images."""
@@ -318,7 +320,7 @@ def _cost(
             each[s] = _ncc_cost(total_, o1, o2, s1, s2, cross)
         total += each[s]
         most = max(most, each[s])
-        worse = total - (count - best) * most > best * (limit + SURE)  # what is not counted is at most the worst
+        worse = total - (count - best) * most > best * (limit + ROUNDING)  # what is not counted is at most the worst
         if worse:
             break
     total = WORST * best if worse else 0.0
@@ -545,7 +547,7 @@ def paired(images: np.ndarray) -> np.ndarray:
 
 
 def grey_pyramid_half(image: np.ndarray) -> np.ndarray:
-    """Half the size by area, (h // 2, w // 2)."""
+    """The image (h, w) at half its size by area, (h // 2, w // 2)."""
     h, w = image.shape[0] // 2 * 2, image.shape[1] // 2 * 2
     upper, lower = image[:h:2, :w], image[1:h:2, :w]
     four = (upper[:, ::2] + upper[:, 1::2]) + (lower[:, ::2] + lower[:, 1::2])

@@ -150,16 +150,16 @@ class _Scene:
         mine, group = self.cut[i], [int(s) for s in self.sources[n] if int(s) in self.cut]
         R, t = self.views.R, self.views.t
         return Matching(
-            self.padded(mine.grey),
-            self.padded(mask),
-            mine.K,
-            np.stack([self.padded(self.cut[s].grey) for s in group]),
-            np.stack([self.cut[s].K for s in group]),
-            np.stack([R[s] @ R[i].T for s in group]),
-            np.stack([t[s] - R[s] @ R[i].T @ t[i] for s in group]),
-            mine.noise,
-            max(LEAST_WIDTH, float(mine.grey[mine.mask > 0].std())) if wide else LEAST_WIDTH,
-            self.unique,
+            image=self.padded(mine.grey),
+            mask=self.padded(mask),
+            K=mine.K,
+            sources=np.stack([self.padded(self.cut[s].grey) for s in group]),
+            Ks=np.stack([self.cut[s].K for s in group]),
+            R=np.stack([R[s] @ R[i].T for s in group]),
+            t=np.stack([t[s] - R[s] @ R[i].T @ t[i] for s in group]),
+            noise=mine.noise,
+            width=max(LEAST_WIDTH, float(mine.grey[mine.mask > 0].std())) if wide else LEAST_WIDTH,
+            unique=self.unique,
         )
 
     def wanted(self, n: int, known: DensePoints | None) -> tuple[np.ndarray, np.ndarray]:
@@ -191,7 +191,17 @@ def _scene(views: Views, image: Image, sparse: Sparse, options: DenseOptions) ->
     sources = tuple(choice.sources[k] for k in keep)
     unique = 0.0 if options.tentative else UNIQUE
     whole, depths = choice.whole[keep], choice.depths[keep]
-    return _Scene(views, sparse, cut, factor, choice.reference[keep], whole, sources, depths, unique)
+    return _Scene(
+        views=views,
+        sparse=sparse,
+        cut=cut,
+        factor=factor,
+        reference=choice.reference[keep],
+        whole=whole,
+        sources=sources,
+        depths=depths,
+        unique=unique,
+    )
 
 
 def dense_points(

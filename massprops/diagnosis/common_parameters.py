@@ -15,8 +15,9 @@ A wheel whose rate was measured has one moment of inertia: its momentum at a rec
 (`BODY_NUMBERS`), so c holds the moment. Of a fit whose sigmas allow for residuals that are alike in neighbours (`widened`) the rows
 count by as much less here as well.
 
-Where the axes of the sensors turn in those of the body from record to record, as a sensor slips or is mounted anew (`axes`), each record
-but the first has one more unknown, its small turn from the first one's, of a normal law of zero mean whose size is found by the same evidence.
+The axes of the sensors may turn in those of the body from record to record, as a sensor slips or is mounted anew (`axes`). Each record
+but the first then has one more unknown, its small turn from the first one's. Its prior is normal with zero mean; its size is found by
+the same evidence.
 """
 
 from __future__ import annotations

@@ -43,10 +43,10 @@ class Start:
 
 
 def physical_inertia(inertia: np.ndarray) -> np.ndarray:
-    """The nearest inertia of trace 3 that a body can have."""
-    from massprops.dynamics.inertia import physical
+    """The nearest inertia (3, 3) of trace 3 that a body can have."""
+    from massprops.dynamics.inertia import project_to_physical
 
-    return np.asarray(3.0 * physical(inertia / np.trace(inertia), LEAST_MOMENT))
+    return np.asarray(3.0 * project_to_physical(inertia / np.trace(inertia), LEAST_MOMENT))
 
 
 def conserved(path: MotionPath, at: np.ndarray, forcing: Forcing | None = None) -> Start:

@@ -191,6 +191,7 @@ def looked_at(term: Term, t: np.ndarray, w: np.ndarray) -> int:
 
 
 def term_of(effect: ModuleType, held: dict[str, float]) -> Term:
+    """The effect with these of its values held, by name."""
     return Term(effect=effect, held=tuple(sorted(held.items())))
 
 

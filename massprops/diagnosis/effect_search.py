@@ -43,6 +43,7 @@ STIFF = 3e-4
 """Prior 1-sigma of a gyroscope's scale and misalignment with which the fit of a measured wheel begins: with the usual one it went
 from a ball to another minimum in 2 of 7 flights."""
 BALL = Start(inertia=np.eye(3), left=1.0)
+"""A start that knows nothing of the inertia."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -127,7 +127,7 @@ def linear_model(
 
 
 def parts_of(
-    record: Record, hypothesis: Hypothesis, guess: Guess, balance: Balance, acting: dict[str, Forcing]
+    record: Record, hypothesis: Hypothesis, guess: Guess, balance: Balance, active: dict[str, Forcing]
 ) -> list[Any]:
     """Name, rate along the path (n, 3, k) of a unit of each unknown, its rows, prior, and the prior's kind, by block."""
     path, speed = record.path, record.speed
@@ -151,7 +151,7 @@ def parts_of(
         steps = np.concatenate([[START_SD * speed], np.full(shapes.shape[1] - 1, 1e-3 * speed)])
         out.append(("wheel", *_answers(balance, history), steps, "sparse"))
         out.append(("wheel axis", *_answers(balance, turned), AXIS_SD, "fixed"))
-    for name, forcing in acting.items():
+    for name, forcing in active.items():
         known = hypothesis.term(name).sd
         size, kind = (_size(forcing, speed), "common") if known is None else (known, "fixed")
         out.append((name, *_answers(balance, forcing), size, kind))

@@ -34,6 +34,7 @@ from massprops.dynamics.quaternion import from_rotation_vector, rotation_matrix
 from massprops.errors import NotPossible
 
 PASSES = 12
+"""At most."""
 SETTLED = 0.2
 """Change of the log evidence between two passes at which they end, and gain of it that is left to a step of the inertia: it
 decides nothing."""
@@ -107,14 +108,14 @@ class _Solution:
     """What a pass found about a guess, before anything moves.
 
     Attributes:
-        acting: the columns of each effect; parts: see `hypothesis.parts_of`; blocks, y: the linear model; posterior: its solution.
+        active: the columns of each effect; parts: see `hypothesis.parts_of`; blocks, y: the linear model; posterior: its solution.
     """
 
     record: Record
     hypothesis: Hypothesis
     guess: Guess
     balance: Balance
-    acting: dict[str, Forcing]
+    active: dict[str, Forcing]
     parts: list[Any]
     blocks: list[Block]
     y: np.ndarray
@@ -303,13 +304,13 @@ def solved_about(record: Record, hypothesis: Hypothesis, guess: Guess) -> _Solut
     """All that enters linearly about a guess."""
     path, rows = record.path, record.rows
     balance = Balance(path=path, shape=guess.shape, momentum=guess.momentum, rate=guess.rate, rows=rows)
-    acting = {
+    active = {
         t.name: forcing_of(t, path, guess.rate, balance.inertia, record.environment_state) for t in hypothesis.terms
     }
-    parts = parts_of(record, hypothesis, guess, balance, acting)
+    parts = parts_of(record, hypothesis, guess, balance, active)
     blocks, y = linear_model(record, hypothesis, parts, balance, guess)
     return _Solution(
-        record=record, hypothesis=hypothesis, guess=guess, balance=balance, acting=acting, parts=parts, blocks=blocks, y=y,
+        record=record, hypothesis=hypothesis, guess=guess, balance=balance, active=active, parts=parts, blocks=blocks, y=y,
         posterior=(_sized_at_guess if hypothesis.wheel else _sized)(record, guess, blocks, y),
     )  # fmt: skip
 
@@ -350,7 +351,7 @@ def _reached(own: _Solution, part: float) -> tuple[HypothesisFit, Guess]:
     summed = {t.name: t.values(post.mean[t.name], post.covariance[t.name]) for t in hypothesis.terms}
     moved = record if rows.rates else along(record, path.turned(phi, whole), attitudes_of(record))
     inside = np.zeros_like(whole) if axis is None or history is None else history[:, None] * axis
-    for name, forcing in own.acting.items():
+    for name, forcing in own.active.items():
         if forcing.internal is not None:
             inside = inside + forcing.internal @ post.mean[name]
     found = HypothesisFit(

@@ -67,7 +67,7 @@ def shape_of(inertia: np.ndarray) -> np.ndarray:
     return np.asarray(np.einsum("aij,ij->a", DIRECTIONS, (vector * (log - log.mean())) @ vector.T))
 
 
-def inertia_slopes(shape: np.ndarray) -> np.ndarray:
+def inertia_jacobian(shape: np.ndarray) -> np.ndarray:
     """(5, 3, 3) derivatives of `inertia_of` (Daleckii and Krein's formula for a function of a matrix)."""
     value, vector = _principal(np.asarray(shape, float).tobytes())
     e = np.exp(value - value.max())
@@ -205,7 +205,7 @@ class Balance:
     @cached_property
     def free(self) -> np.ndarray:
         """(n, 3, 8) rate along the path itself of a unit of each of the inertia's shape and of the momentum at the start."""
-        by_shape = -np.swapaxes(self.rate @ np.swapaxes(self.inverse @ inertia_slopes(self.shape), 1, 2), 0, 1)
+        by_shape = -np.swapaxes(self.rate @ np.swapaxes(self.inverse @ inertia_jacobian(self.shape), 1, 2), 0, 1)
         return np.concatenate([np.swapaxes(by_shape, 1, 2), self.from_space], axis=2)
 
     @cached_property

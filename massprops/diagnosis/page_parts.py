@@ -176,9 +176,11 @@ def torque_plot(times: np.ndarray, torque: np.ndarray, sigma: np.ndarray) -> str
 
 
 def not_tried(doc: dict[str, Any]) -> str:
+    """The effects for which data lack, and why."""
     skipped = "".join(f"<li>{text(n)}: {text(why)}</li>" for n, why in doc["skipped"].items())
     return f"<p>Not tried, for want of data:</p><ul>{skipped}</ul>" if skipped else ""
 
 
 def notes(doc: dict[str, Any]) -> str:
+    """The warnings of a diagnosis as a list."""
     return "<ul>" + "".join(f"<li>{text(w)}</li>" for w in doc["warnings"]) + "</ul>" if doc["warnings"] else ""

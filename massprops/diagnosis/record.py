@@ -21,7 +21,7 @@ MOST_ROWS = 300
 FEWEST_ROWS = 12
 COEFFICIENTS = 4
 """Of the local cubic behind each rate of a record of attitudes (`estimators.rates`)."""
-LARGEST_TURN = 0.7
+LARGEST_ROW_TURN = 0.7
 """Turn [rad] between two rows up to which a cubic follows the rate of a tumble to a thousandth."""
 SMALL_TURN = 0.1
 """Turn [rad] over which the mean of a gyroscope's rates beside attitudes is the rate at the middle, to a thousandth."""
@@ -109,7 +109,7 @@ def record_of_rates(series: RateSeries, first_ns: int | None = None) -> Record:
     rates = w[: count * block].reshape(count, block, 3).mean(axis=1)
     speed = float(np.median(np.linalg.norm(rates, axis=1)))
     turn = float(np.max(np.diff(times) * np.linalg.norm(rates[1:], axis=1)))
-    if turn > LARGEST_TURN:
+    if turn > LARGEST_ROW_TURN:
         raise NotPossible(
             f"the body turns by {np.degrees(turn):.0f} deg between two rates of imu0, too far to follow: give a faster record"
         )

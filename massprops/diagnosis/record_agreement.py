@@ -17,7 +17,7 @@ from massprops.diagnosis import criteria
 from massprops.diagnosis.common_parameters import Common, Law, of_rows
 from massprops.diagnosis.effect_columns import follows_measured
 from massprops.diagnosis.hypothesis_fit import HypothesisFit
-from massprops.diagnosis.momentum_balance import INERTIA, inertia_slopes
+from massprops.diagnosis.momentum_balance import INERTIA, inertia_jacobian
 from massprops.dynamics.inertia import principal_axes, ratio_derivatives, ratios_of_moments
 
 OF_INERTIA = ("k1", "k2", "axis_turn_1", "axis_turn_2", "axis_turn_3")
@@ -67,7 +67,7 @@ def shared_numbers(common: Common) -> list[Shared]:
     if len(records) < 2:
         return []
     moments, axes = principal_axes(common.inertia)
-    slopes = np.concatenate(ratio_derivatives(moments, axes, inertia_slopes(common.shape)))
+    slopes = np.concatenate(ratio_derivatives(moments, axes, inertia_jacobian(common.shape)))
     at = np.concatenate([ratios_of_moments(moments), np.zeros(3)])
     out = []
     for name, value, slope in zip(OF_INERTIA, at, slopes, strict=True):

@@ -20,6 +20,7 @@ PASSES = 3
 FEWEST_KEPT = 8
 """Rows that must be left beside an event."""
 LARGEST_STEP = 1.0
+"""Of the logarithms of second moments in one pass."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,7 +21,7 @@ def turned(
     for a in range(3):  # not all at once, which takes numba two seconds more to compile
         for c in range(k):
             out[0, a, c] = first[a, c]
-    push, ahead, left, step = np.empty((3, k)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    added, ahead, left, step = np.empty((3, k)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     for i in range(n - 1):
         half = 0.5 * (t[i + 1] - t[i])
         _one_plus(-half, answer[i + 1], steps[i], ahead)
@@ -29,13 +29,13 @@ def turned(
         _one_plus(half, answer[i], steps[i], step)
         for a in range(3):
             for c in range(k):
-                push[a, c] = (
+                added[a, c] = (
                     step[a, 0] * out[i, 0, c] + step[a, 1] * out[i, 1, c] + step[a, 2] * out[i, 2, c]
                     + half * (rate[i + 1, a, c] + rate[i, a, c]) - 2.0 * half * less * steps[i, a]
                 )  # fmt: skip
         for a in range(3):
             for c in range(k):
-                out[i + 1, a, c] = left[a, 0] * push[0, c] + left[a, 1] * push[1, c] + left[a, 2] * push[2, c]
+                out[i + 1, a, c] = left[a, 0] * added[0, c] + left[a, 1] * added[1, c] + left[a, 2] * added[2, c]
     return out
 
 

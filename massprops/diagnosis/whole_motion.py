@@ -18,7 +18,7 @@ from massprops.core.linalg import consecutive
 from massprops.diagnosis.criteria import SHAPE_SD
 from massprops.diagnosis.effect_columns import Term, term_of
 from massprops.diagnosis.hypothesis_fit import HypothesisFit
-from massprops.diagnosis.momentum_balance import INERTIA, inertia_of, inertia_slopes
+from massprops.diagnosis.momentum_balance import INERTIA, inertia_jacobian, inertia_of
 from massprops.diagnosis.motion_path import MotionPath
 from massprops.diagnosis.record import along, attitudes_of
 from massprops.dynamics.quaternion import conjugate, from_rotation_vector, multiply, normalise, rotation_vector
@@ -45,7 +45,7 @@ START = 6
 
 
 @dataclass(frozen=True)
-class _Acting:
+class _ActiveEffect:
     """An effect about whose held values unknowns x (k,) are counted, the last of them steps of the logarithms of its paces."""
 
     term: Term
@@ -65,19 +65,19 @@ class _Acting:
         own = self.term.here(len(self.x))
         return np.zeros(len(self.x)) if own is None else own
 
-    def moved(self, d: np.ndarray) -> _Acting:
+    def moved(self, d: np.ndarray) -> _ActiveEffect:
         """After a step d (k,)."""
         new = self.x + d
         if self.term.moves:
             term = self.term.moved(new)
             again = term.here(len(new))
-            return _Acting(term, np.zeros(len(new)) if again is None else again)
+            return _ActiveEffect(term, np.zeros(len(new)) if again is None else again)
         count, held = len(new) - len(self.paces), dict(self.term.held)
         held |= {
             name: held[name] * float(np.exp(np.clip(v, -1.0, 1.0)))
             for name, v in zip(self.paces, new[count:], strict=True)
         }
-        return _Acting(term_of(self.term.effect, held), np.append(new[:count], np.zeros(len(self.paces))))
+        return _ActiveEffect(term_of(self.term.effect, held), np.append(new[:count], np.zeros(len(self.paces))))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -101,19 +101,19 @@ class _Motion:
     q: np.ndarray
     w: np.ndarray
     shape: np.ndarray
-    acting: tuple[_Acting, ...]
+    active: tuple[_ActiveEffect, ...]
 
     def moved(self, d: np.ndarray) -> _Motion:
         """After a step d (all,) of everything."""
         start, shape = d[:START], d[START : START + INERTIA]
         q = normalise(multiply(self.q, from_rotation_vector(start[:3])))
-        acting = tuple(a.moved(d[own]) for a, own in zip(self.acting, self.places, strict=True))
-        return _Motion(q, self.w + start[3:], self.shape + shape, acting)
+        active = tuple(a.moved(d[own]) for a, own in zip(self.active, self.places, strict=True))
+        return _Motion(q, self.w + start[3:], self.shape + shape, active)
 
     @property
     def places(self) -> list[slice]:
         """Of each effect's unknowns among all."""
-        return consecutive((len(a.x) for a in self.acting), START + INERTIA)
+        return consecutive((len(a.x) for a in self.active), START + INERTIA)
 
 
 class _Problem:
@@ -133,33 +133,33 @@ class _Problem:
     def sd(self, at: _Motion) -> np.ndarray:
         """(all,) prior 1-sigma of the unknowns, infinite of those of the start and of paces."""
         out = [np.full(START, np.inf), np.full(INERTIA, SHAPE_SD)]
-        for a in at.acting:
+        for a in at.active:
             out += [self.found[a.term.name] if a.term.sd is None else a.term.sd, np.full(len(a.paces), np.inf)]
         return np.concatenate(out)
 
     def log_prior(self, at: _Motion) -> float:
         """Log density of the effects' values beyond that of `sd` (`momentum_log_prior`)."""
-        own = [(a.term.effect.momentum_log_prior, a) for a in at.acting if hasattr(a.term.effect, "momentum_log_prior")]
+        own = [(a.term.effect.momentum_log_prior, a) for a in at.active if hasattr(a.term.effect, "momentum_log_prior")]
         return float(sum(f(a.values[0][: len(a.term.unknowns)]) for f, a in own))
 
     def open(self, at: _Motion) -> np.ndarray:
         """(all,) precision of laws that are only about the present values (`MOMENTUM_OPEN`)."""
         out = np.zeros(len(self.sd(at)))
-        for a, place in zip(at.acting, at.places, strict=True):
+        for a, place in zip(at.active, at.places, strict=True):
             names = getattr(a.term.effect, "MOMENTUM_OPEN", ())
             out[[place.start + a.term.unknowns.index(n) for n in names]] = 1.0
         return out * self.sd(at) ** -2.0
 
-    def believed(self, at: _Motion) -> np.ndarray:
+    def prior_residuals(self, at: _Motion) -> np.ndarray:
         """(all,) what the prior is about over its 1-sigma, zero of what is free: an effect's values, not its unknowns."""
-        own = [a.x + a.here for a in at.acting]
+        own = [a.x + a.here for a in at.active]
         return np.concatenate([np.zeros(START), at.shape, *own]) / self.sd(at)
 
     def parameters(self, at: _Motion) -> tuple[np.ndarray, np.ndarray]:
         """The effects' parameters (p,) in one vector, and their derivatives (p, k) by the unknowns."""
         flat: list[float] = []
-        slopes = np.zeros((self.places[-1].stop, sum(len(a.x) for a in at.acting)))
-        for a, own, place in zip(at.acting, at.places, self.places, strict=True):
+        slopes = np.zeros((self.places[-1].stop, sum(len(a.x) for a in at.active)))
+        for a, own, place in zip(at.active, at.places, self.places, strict=True):
             names, (values, by) = [q.name for q in a.term.effect.PARAMETERS], a.values
             held = dict(a.term.held) | {"span": self.span} | dict(zip(a.names, values, strict=True))
             flat += [float(held.get(n, 0.0)) for n in names]
@@ -182,7 +182,7 @@ class _Problem:
         """(3 m, all) of the predicted attitudes by all unknowns, over their noise."""
         p, by = self.parameters(at)
         turn, _ = sensitivities(
-            self.times, motion, at.q, at.w, inertia_of(at.shape), inertia_slopes(at.shape), self.active, p, self.environment
+            self.times, motion, at.q, at.w, inertia_of(at.shape), inertia_jacobian(at.shape), self.active, p, self.environment
         )  # fmt: skip
         own, first = turn * self.over[:, None, None], START + INERTIA
         return np.concatenate([own[:, :, :first], own[:, :, first:] @ by], axis=2).reshape(-1, first + by.shape[1])
@@ -241,7 +241,7 @@ def by_whole_motion(fit: HypothesisFit) -> HypothesisFit:
 
 
 def _begun(fit: HypothesisFit) -> _Motion:
-    acting = []
+    active = []
     for term in fit.hypothesis.terms:
         x = fit.posterior.mean[term.name]
         if term.moves:  # the hypothesis has it where the last pass began
@@ -249,8 +249,8 @@ def _begun(fit: HypothesisFit) -> _Motion:
             here = term.here(len(x))
             assert here is not None
             x = here
-        acting.append(_Acting(term, np.append(x, np.zeros(len(_Acting(term, x).paces)))))
-    return _Motion(fit.record.path.q[0], fit.rate[0], fit.shape, tuple(acting))
+        active.append(_ActiveEffect(term, np.append(x, np.zeros(len(_ActiveEffect(term, x).paces)))))
+    return _Motion(fit.record.path.q[0], fit.rate[0], fit.shape, tuple(active))
 
 
 def _valley(problem: _Problem, best: _Point) -> tuple[list[_Point], np.ndarray, int | None]:
@@ -260,24 +260,24 @@ def _valley(problem: _Problem, best: _Point) -> tuple[list[_Point], np.ndarray, 
     Raises:
         numpy.linalg.LinAlgError: nothing is known there.
     """
-    for a, place in zip(best.at.acting, best.at.places, strict=True):
+    for a, place in zip(best.at.active, best.at.places, strict=True):
         named = getattr(a.term.effect, "MOMENTUM_VALLEY", None)
         if named is None:
             continue
         held = place.start + a.term.unknowns.index(named)
         points = [*_side(problem, best, held, -1.0)[::-1], best, *_side(problem, best, held, 1.0)]
-        ways = np.log([_held(p, named) for p in points])
+        logarithms = np.log([_held(p, named) for p in points])
         density = np.array([p.density(held) for p in points])
-        weights = (np.gradient(ways) if len(points) > 1 else np.ones(1)) * np.exp(density - density.max())
+        weights = (np.gradient(logarithms) if len(points) > 1 else np.ones(1)) * np.exp(density - density.max())
         weights /= weights.sum()
-        middle = int(np.argmin(np.abs(ways - weights @ ways)))
+        middle = int(np.argmin(np.abs(logarithms - weights @ logarithms)))
         order = [middle, *(k for k in range(len(points)) if k != middle)]
         return [points[k] for k in order], weights[order], held
     return [best], np.ones(1), None
 
 
 def _held(point: _Point, named: str) -> float:
-    return next(dict(a.term.held)[named] for a in point.at.acting if named in dict(a.term.held))
+    return next(dict(a.term.held)[named] for a in point.at.active if named in dict(a.term.held))
 
 
 def _side(problem: _Problem, best: _Point, held: int, sign: float) -> list[_Point]:
@@ -319,12 +319,12 @@ def _likeliest(problem: _Problem, at: _Motion, held: int | None = None) -> _Poin
         numpy.linalg.LinAlgError: it leads nowhere.
     """
     motion, residual = problem.residual(at)
-    cost, damping = _cost(residual, problem.believed(at)), FIRST_DAMPING
+    cost, damping = _cost(residual, problem.prior_residuals(at)), FIRST_DAMPING
     free = np.delete(np.arange(len(problem.sd(at))), [] if held is None else [held])
     step = np.zeros(len(problem.sd(at)))
     for _ in range(STEPS if held is None else STEPS_BESIDE):
         J, sd = problem.slopes(at, motion), problem.sd(at)
-        H, downhill = J.T @ J + np.diag(sd**-2), J.T @ residual.reshape(-1) - problem.believed(at) / sd
+        H, downhill = J.T @ J + np.diag(sd**-2), J.T @ residual.reshape(-1) - problem.prior_residuals(at) / sd
         if not np.isfinite(H).all():
             raise np.linalg.LinAlgError("the derivatives leave all bounds")
         here = _Point(
@@ -338,7 +338,7 @@ def _likeliest(problem: _Problem, at: _Motion, held: int | None = None) -> _Poin
             step[free] = np.linalg.solve(own + damping * np.diag(np.diag(own)), by)
             new = at.moved(step)
             new_motion, new_residual = problem.residual(new)
-            new_cost = _cost(new_residual, problem.believed(new))
+            new_cost = _cost(new_residual, problem.prior_residuals(new))
             if new_cost < cost:
                 break
             damping *= MORE
@@ -349,8 +349,8 @@ def _likeliest(problem: _Problem, at: _Motion, held: int | None = None) -> _Poin
     return here
 
 
-def _cost(residual: np.ndarray, believed: np.ndarray) -> float:
-    cost = 0.5 * float(np.sum(residual**2) + np.sum(believed**2))
+def _cost(residual: np.ndarray, prior_residuals: np.ndarray) -> float:
+    cost = 0.5 * float(np.sum(residual**2) + np.sum(prior_residuals**2))
     return cost if np.isfinite(cost) else np.inf
 
 
@@ -361,23 +361,23 @@ def _told(
     told, path = points[0].at, MotionPath(t=fit.record.path.t, q=motion.q, w=motion.w)
     base = fit.posterior.covariance["base"].copy()
     base[:INERTIA, :INERTIA] = 0.0
-    spread = [np.zeros((len(a.names), len(a.names))) for a in told.acting]
+    spread = [np.zeros((len(a.names), len(a.names))) for a in told.active]
     for point, weight in zip(points, weights, strict=True):
         joint, off = point.covariance(held), point.at.shape - told.shape
         inertia = slice(START, START + INERTIA)
         base[:INERTIA, :INERTIA] += weight * (joint[inertia, inertia] + np.outer(off, off))
-        for a, first, own, k in zip(point.at.acting, told.acting, spread, point.at.places, strict=True):
+        for a, first, own, k in zip(point.at.active, told.active, spread, point.at.places, strict=True):
             by, off = a.values[1], a.values[0] - first.values[0]
             own += weight * (by @ joint[k, k] @ by.T + np.outer(off, off))
-    counts = {a.term.name: len(a.term.unknowns) for a in told.acting}
+    counts = {a.term.name: len(a.term.unknowns) for a in told.active}
     post = fit.posterior
     sd = {a.term.name: dict(zip(a.paces, np.sqrt(np.diag(c))[counts[a.term.name] :].tolist(), strict=True))
-          for a, c in zip(told.acting, spread, strict=True) if a.paces}  # fmt: skip
+          for a, c in zip(told.active, spread, strict=True) if a.paces}  # fmt: skip
     return replace(
-        fit, hypothesis=replace(fit.hypothesis, terms=tuple(a.term for a in told.acting)), shape=told.shape,
+        fit, hypothesis=replace(fit.hypothesis, terms=tuple(a.term for a in told.active)), shape=told.shape,
         inertia=inertia_of(told.shape), rate=motion.w, record=along(fit.record, path, attitudes_of(fit.record)),
-        values={a.term.name: a.values[0][: counts[a.term.name]] for a in told.acting},
-        covariance={a.term.name: c[: counts[a.term.name], : counts[a.term.name]] for a, c in zip(told.acting, spread, strict=True)},
+        values={a.term.name: a.values[0][: counts[a.term.name]] for a in told.active},
+        covariance={a.term.name: c[: counts[a.term.name], : counts[a.term.name]] for a, c in zip(told.active, spread, strict=True)},
         residual=points[0].residual * fit.noise[0], posterior=replace(post, covariance={**post.covariance, "base": base}),
         held_sd={**fit.held_sd, **sd},
     )  # fmt: skip

@@ -29,9 +29,9 @@ Functions = tuple[tuple[Callable[..., Any], ...], ...]
 
 _3, _4, _6 = (nt.UniTuple(nt.float64, n) for n in (3, 4, 6))
 _P = nt.Array(nt.float64, 1, "C")
-_SKY = nt.NamedTuple((_3, _3, _3, nt.float64), EnvironmentState)
+_ENVIRONMENT = nt.NamedTuple((_3, _3, _3, nt.float64), EnvironmentState)
 SIGNATURES = {
-    "torque": _3(nt.float64, _4, _3, _P, _6, _SKY),
+    "torque": _3(nt.float64, _4, _3, _P, _6, _ENVIRONMENT),
     "inertia": _6(nt.float64, _6, _P),
     "internal": _3(nt.float64, _P, _P),
     "internal_rate": _3(nt.float64, _3, _P, _P),
@@ -192,7 +192,7 @@ def _typed() -> tuple[Callable[..., np.ndarray], Functions]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", numba.NumbaExperimentalFeatureWarning)
         types = (
-            _P, _P, _P, _6, _P, numba.typeof(every), nt.UniTuple(nt.Array(nt.int64, 2, "C"), len(SIGNATURES)), _SKY,
+            _P, _P, _P, _6, _P, numba.typeof(every), nt.UniTuple(nt.Array(nt.int64, 2, "C"), len(SIGNATURES)), _ENVIRONMENT,
             nt.Array(nt.float64, 3, "C"),
         )  # fmt: skip
         dispatcher: Any = integrate

@@ -11,6 +11,7 @@ import numpy as np
 from massprops.dynamics.kernels import quaternion_rate, to_body
 
 STEP = 1e-30
+"""Complex step: so small that its square vanishes."""
 
 
 def struck(y: Sequence[Any], effect: ModuleType, p: Sequence[Any]) -> list[Any]:
@@ -42,7 +43,7 @@ def acts_at_once(effect: ModuleType) -> bool:
     return hasattr(effect, "jump") or hasattr(effect, "swing")
 
 
-def struck_slopes(y: Sequence[Any], effect: ModuleType, p: Sequence[Any]) -> tuple[np.ndarray, np.ndarray]:
+def struck_jacobian(y: Sequence[Any], effect: ModuleType, p: Sequence[Any]) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives (ny, ny) by the state before and (ny, k) by the effect's parameters, by the complex step."""
 
     def columns(start: list[Any], other: Any, first: bool) -> np.ndarray:

@@ -69,7 +69,7 @@ def ratios(inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def is_physical(moments: np.ndarray, slack: float = 1e-12) -> bool:
-    """Whether a distribution of positive mass can have these moments: positive, and the triangle inequality.
+    """Whether a distribution of positive mass can have these moments (3,): positive, and the triangle inequality.
 
     Args:
         slack: share of the largest by which the other two may fall short of it.
@@ -78,8 +78,8 @@ def is_physical(moments: np.ndarray, slack: float = 1e-12) -> bool:
     return bool(low > 0 and low + middle >= high * (1 - slack))
 
 
-def physical(inertia: np.ndarray, least: float = LEAST_PART) -> np.ndarray:
-    """The nearest body of trace 1 with positive moments that meet the triangle inequalities.
+def project_to_physical(inertia: np.ndarray, least: float = LEAST_PART) -> np.ndarray:
+    """The nearest inertia (3, 3) of trace 1 to a matrix (3, 3), with positive moments that meet the triangle inequalities.
 
     Those hold together exactly when Sigma = tr(I)/2 - I, the second moments of mass, is positive definite.
     """

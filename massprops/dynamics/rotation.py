@@ -28,6 +28,7 @@ PACE_SHARE = 0.7
 """Of an inner part's own pace (`internal_pace`) that counts as such a rotation: derivatives by a damping of .02 of the frequency are then
 off by 4 %, by 20 % and more with .5."""
 MOST_STEPS = 400_000
+"""Steps of integration above which a trial motion takes one between two times: it turns far too fast to fit anything."""
 
 
 @dataclass(frozen=True)
@@ -162,7 +163,7 @@ def fastest(w0: np.ndarray, active: ActiveEffects, p: np.ndarray) -> float:
 
 
 def steps_through(times: np.ndarray, speed: float, active: ActiveEffects, p: np.ndarray) -> Steps:
-    """Steps short enough for `speed` [rad/s], ending at every time and event."""
+    """Steps short enough for `speed` [rad/s], ending at every time (n,) [s] and event; p (k,): parameters of all effects."""
     inside = [(t, k) for t, k in event_times(active, p) if times[0] < t < times[-1]]
     ends = np.unique(np.concatenate([times, [t for t, _ in inside]]))
     gaps = np.diff(ends)

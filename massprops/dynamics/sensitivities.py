@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from massprops.dynamics.environment import EnvironmentModel
-from massprops.dynamics.events import STEP, stepped, struck_slopes
+from massprops.dynamics.events import STEP, stepped, struck_jacobian
 from massprops.dynamics.kernels import INSIDE, quaternion_rate
 from massprops.dynamics.quaternion import conjugate, multiply
 from massprops.dynamics.rotation import (
@@ -139,7 +139,7 @@ def _slopes_of_slopes(
     ends[:, 1] += h[:, None] / 8.0 * (rates[:, 0] - rates[:, 2])
     F = np.zeros((*t.shape, ny, ny + 6 + d + len(p)))
 
-    def ways(y: list[Any], six: list[Any], p: list[Any]) -> np.ndarray:
+    def changed(y: list[Any], six: list[Any], p: list[Any]) -> np.ndarray:
         found = state_derivative(t, y, six, active, p, environment_state)
         return np.stack(np.broadcast_arrays(*(np.imag(value) for value in found)), axis=-1) / STEP
 
@@ -147,10 +147,10 @@ def _slopes_of_slopes(
     apart = np.zeros((ny + 6, ny + d, 1, 1))
     apart[:ny, :ny, 0, 0], apart[ny:, ny:, 0, 0] = np.eye(ny), moves.T
     every = [v + 1j * STEP * way for v, way in zip([*stage, *flat_six], apart, strict=True)]
-    found = np.moveaxis(ways(every[:ny], every[ny:], p), 0, -1)
+    found = np.moveaxis(changed(every[:ny], every[ny:], p), 0, -1)
     F[..., :ny], F[..., ny + 6 : ny + 6 + d] = found[..., :ny], found[..., ny:]
     for j in sorted(_of_effects(active, tuple(active.hooks)) - _fixed(active)):
-        F[..., ny + 6 + d + j] = ways(stage, flat_six, stepped(p, j))
+        F[..., ny + 6 + d + j] = changed(stage, flat_six, stepped(p, j))
     return F
 
 
@@ -198,7 +198,7 @@ def _across(
     """Derivatives just after what happens at once before a step, from those just before."""
     effect, place = active.effects[number], active.places[number]
     before = path.before[step]
-    by_state, own = struck_slopes(before, effect, p[place])
+    by_state, own = struck_jacobian(before, effect, p[place])
     moments = places_of(effect, "time")
     own[:, moments] = 0.0
     t0, inside = path.steps.start[step], INSIDE * path.steps.size[step]
@@ -249,7 +249,7 @@ def _outputs(
     t = times + INSIDE
     y = [at[:, i] for i in range(at.shape[1])]
 
-    def ways(y: list[Any], s: list[Any], v: list[Any]) -> np.ndarray:
+    def changed(y: list[Any], s: list[Any], v: list[Any]) -> np.ndarray:
         w = angular_velocity(t, y, s, active, v)
         return np.stack(np.broadcast_arrays(*(np.imag(x) for x in w)), axis=-1) / STEP
 
@@ -257,9 +257,9 @@ def _outputs(
     apart = np.zeros((ny + 6, ny + d, 1))
     apart[:ny, :ny, 0], apart[ny:, ny:, 0] = np.eye(ny), moves.T
     every = [v + 1j * STEP * way for v, way in zip([*y, *six], apart, strict=True)]
-    found = np.moveaxis(ways(every[:ny], every[ny:], p), 0, -1)
+    found = np.moveaxis(changed(every[:ny], every[ny:], p), 0, -1)
     rate = found[..., :ny] @ S
     rate[..., 6 : 6 + d] += found[..., ny:]
     for j in sorted(_of_effects(active, ("inertia", "internal", "moving_inertia")) - fixed):
-        rate[..., 6 + d + j] += ways(y, list(six), stepped(p, j))
+        rate[..., 6 + d + j] += changed(y, list(six), stepped(p, j))
     return turn, rate

@@ -53,8 +53,8 @@ def path(
         r = r + in_rows(effect.displacement(times, own), n)
         # the velocity that goes with a displacement is its time derivative
         v = v + np.imag(in_rows(effect.displacement(times + 1j * STEP, own), n)) / STEP
-        for k, way in enumerate(ways(effect.displacement, times, p[place])):
-            dr[:, :, 6 + place.start + k] = way
+        for k, by_value in enumerate(derivatives(effect.displacement, times, p[place])):
+            dr[:, :, 6 + place.start + k] = by_value
     return r, v, dr, dv
 
 
@@ -63,7 +63,9 @@ def in_rows(parts: tuple[Any, ...], n: int) -> np.ndarray:
     return np.stack([np.broadcast_to(x, (n,)) for x in parts], axis=-1)
 
 
-def ways(function: Callable[..., tuple[Any, ...]], times: np.ndarray, values: np.ndarray) -> Iterator[np.ndarray]:
+def derivatives(
+    function: Callable[..., tuple[Any, ...]], times: np.ndarray, values: np.ndarray
+) -> Iterator[np.ndarray]:
     """Derivatives (n, 3) of an effect's `function(times, values)` by each of its values, by the complex step."""
     own = [float(x) for x in values]
     for k in range(len(own)):

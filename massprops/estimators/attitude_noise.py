@@ -10,10 +10,10 @@ what they are worth.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
+from massprops.estimators.start import Start
 from massprops.model.problem import Problem
 
 MOST_MEANS = 200
@@ -27,7 +27,7 @@ EVIDENCE = 4.0
 """Log-likelihood by which correlated errors must explain the residuals better than white ones."""
 
 
-def believed(problem: Problem, start: Any) -> tuple[Problem, str]:
+def with_correlated_noise(problem: Problem, start: Start) -> tuple[Problem, str]:
     """The problem with attitudes' sigmas as wide as they deserve, and one line that says so; as it was, and nothing, where
     their errors are white or too few.
 
@@ -44,7 +44,7 @@ def believed(problem: Problem, start: Any) -> tuple[Problem, str]:
     return replace(problem, sigma_attitude=problem.sigma_attitude * factor, alike=factor), line
 
 
-def _left(problem: Problem, start: Any) -> tuple[np.ndarray, np.ndarray] | None:
+def _left(problem: Problem, start: Start) -> tuple[np.ndarray, np.ndarray] | None:
     """What free motion leaves of the attitudes (n, 3), and its derivatives (n, 3, 11), in stated sigmas."""
     from massprops.dynamics.chaser_path import chaser_path
     from massprops.dynamics.quaternion import multiply

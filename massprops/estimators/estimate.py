@@ -17,6 +17,7 @@ from massprops.errors import InputError, MasspropsError, NotPossible
 from massprops.estimators.outcome import Outcome
 
 if TYPE_CHECKING:
+    from massprops.estimators.methods import Method
     from massprops.estimators.prior import FilterPrior, PriorTest
     from massprops.estimators.result import Estimate, Prior
     from massprops.model.problem import Problem
@@ -30,6 +31,7 @@ BREAKS = (ArithmeticError, ValueError, IndexError)
 
 EQUAL = 1e-14
 """Of the cosine of half a turn: rounding."""
+NO_TURN = "all attitudes are the same: the body does not turn"
 MOST_FEATURES, MOST_FEATURES_ONE_CAMERA = 300, 3000
 """Longest tracks used: those of structure from motion are many and short, and each adds to what one camera shows."""
 
@@ -84,7 +86,7 @@ def estimate_all(
 
 def run_methods(
     problem: Problem,
-    chosen: list[ModuleType],
+    chosen: list[Method],
     prior: FilterPrior | None = None,
     progress: Progress = silent,
     model: Any = None,
@@ -144,9 +146,7 @@ def run_methods(
     return Outcome(bench.problem, estimates, skipped, cpu, verdict, tuple(dict.fromkeys(warnings)))
 
 
-def _judged_prior(
-    prior: FilterPrior, bench: _Bench, able: list[ModuleType], start: Any, warnings: list[str]
-) -> PriorTest:
+def _judged_prior(prior: FilterPrior, bench: _Bench, able: list[Method], start: Any, warnings: list[str]) -> PriorTest:
     """What the data say of the prior, by the reference method where it can run; warnings are added to the list."""
     from massprops.estimators.methods import methods
     from massprops.estimators.needs import unmet
@@ -163,7 +163,7 @@ def _judged_prior(
     return verdict
 
 
-def chosen_methods(names: Iterable[str]) -> tuple[list[ModuleType], bool]:
+def chosen_methods(names: Iterable[str]) -> tuple[list[Method], bool]:
     """The modules of the named methods, and whether the user named them one by one.
 
     Raises:
@@ -192,14 +192,17 @@ class _Bench:
         """`first_guess` of the problem, with its early part where a method begins there; the reason when it cannot be
         had, for methods that need none. Attitudes whose errors hang together are believed less from here on, and a known
         wheel is the model where the user gave none."""
-        from massprops.estimators.attitude_noise import believed
+        from massprops.estimators.attitude_noise import with_correlated_noise
         from massprops.estimators.filters.begin import early_start
         from massprops.estimators.known_wheel import model_of_wheel
         from massprops.estimators.start import first_guess
 
+        still, alone = _still(self.problem), not (self.problem.has_tracks or self.problem.has_rates)
+        if still and alone:  # the arithmetic below may or may not break down on this
+            return _NoStart(NO_TURN)
         try:
             whole = first_guess(self.problem)
-            self.problem, line = believed(self.problem, whole)
+            self.problem, line = with_correlated_noise(self.problem, whole)
             if line:
                 whole = first_guess(self.problem)
                 whole = replace(whole, warnings=(*whole.warnings, line))
@@ -208,12 +211,12 @@ class _Bench:
         except NotPossible as stop:
             return _NoStart(str(stop))
         except BREAKS as error:
-            if _still(self.problem):
-                return _NoStart("all attitudes are the same: the body does not turn")
+            if still:
+                return _NoStart(NO_TURN)
             return _NoStart(f"its arithmetic broke down ({type(error).__name__}: {excerpt(error)})")
         return replace(whole, early=early_start(self.problem, whole)) if early else whole
 
-    def run(self, method: ModuleType, prior: Prior | None, start: Any) -> Estimate:
+    def run(self, method: Method, prior: Prior | None, start: Any) -> Estimate:
         """One estimate, checked.
 
         Raises:

@@ -8,26 +8,20 @@ to the next. The window grows from a few frames to the whole part, so that the p
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from massprops.core.compiling import compiled
 from massprops.core.levenberg_marquardt import Damping, damped_step, descend
 from massprops.dynamics.chaser_path import chaser_path
-from massprops.dynamics.inertia import DIRECTIONS, physical
-from massprops.dynamics.quaternion import (
-    conjugate,
-    from_rotation_vector,
-    multiply,
-    normalise,
-    rotation_vector,
-)
+from massprops.dynamics.inertia import DIRECTIONS, project_to_physical
+from massprops.dynamics.quaternion import conjugate, from_rotation_vector, multiply, normalise, rotation_vector
 from massprops.estimators import free_path
+from massprops.estimators.start import Start
 from massprops.model.problem import Problem
 
 FEWEST = 8
-DOUBT = 0.15
+INERTIA_SIGMA = 0.15
 """1-sigma of the inertia's directions (trace 1) before the fit."""
 LARGEST_TURN = 0.1
 OUTLIER = 6.0
@@ -54,7 +48,7 @@ class FreeFit:
     path: np.ndarray
 
 
-def free_fit(problem: Problem, start: Any) -> FreeFit | None:
+def free_fit(problem: Problem, start: Start) -> FreeFit | None:
     """The fit to the start's span, in its body axes; None where there are too few epochs or the noise is not reached.
 
     Args:
@@ -153,7 +147,7 @@ def left_by(times: np.ndarray, values: np.ndarray, sigma: np.ndarray, guess: Gue
 def _fitted(times: np.ndarray, values: np.ndarray, sigma: np.ndarray, guess: Guess) -> Found | None:
     """Least squares, derivatives by differences, outliers weighed down: guess, residual, covariance (11, 11)."""
     gauge = 1e12 if values.shape[1] == 3 else 0.0  # rates say nothing of the attitude
-    prior = np.array([gauge] * 3 + [0.0] * 3 + [1.0 / DOUBT**2] * 5)
+    prior = np.array([gauge] * 3 + [0.0] * 3 + [1.0 / INERTIA_SIGMA**2] * 5)
     weight, normal = np.ones(len(times)), np.eye(11)
 
     def linearise(at: Guess) -> tuple[float, tuple[np.ndarray, np.ndarray]]:
@@ -167,7 +161,7 @@ def _fitted(times: np.ndarray, values: np.ndarray, sigma: np.ndarray, guess: Gue
 
     def step(at: Guess, equations: tuple[np.ndarray, np.ndarray], damping: float) -> tuple[float, Guess]:
         q, w, inertia = moved(at, damped_step(*equations, damping))
-        trial = q, w, physical(inertia)
+        trial = q, w, project_to_physical(inertia)
         return _cost(_residuals(times, values, [trial])[0] / sigma[:, None], weight, trial, prior), trial
 
     for found in descend(guess, linearise, step, STEPS, Damping(1e-4, lowered=8.0, least=1e-12, tries=8)):
@@ -184,7 +178,7 @@ def _fitted(times: np.ndarray, values: np.ndarray, sigma: np.ndarray, guess: Gue
 
 
 def moved(guess: Guess, x: np.ndarray) -> Guess:
-    """A state after a small turn about body axes, a change of rates, and one of the inertia along `DIRECTIONS`."""
+    """A state after a step (11,): a small turn about body axes, a change of rates, and one of the inertia along `DIRECTIONS`."""
     q, w, inertia = guess
     turned = normalise(multiply(q, from_rotation_vector(x[:3])))
     return turned, w + x[3:6], inertia + np.einsum("a,aij->ij", x[6:], DIRECTIONS)
@@ -200,7 +194,7 @@ def _cost(r: np.ndarray, weight: np.ndarray, guess: Guess, prior: np.ndarray) ->
     return float(np.sum(weight[:, None] * r**2) + np.sum(prior * _away(guess) ** 2))
 
 
-def _measured(problem: Problem, start: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+def _measured(problem: Problem, start: Start) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
     """Epochs (k,), attitudes (k, 4) as measured at each alone, or rates (k, 3), and their 1-sigma (k,)."""
     if start.poses is not None:
         return start.poses.rows, start.poses.q, _filled(start.poses.sigma)

@@ -34,7 +34,7 @@ INCOMPLETE = "the model lacks something, which 'massprops diagnose' looks for"
 """What innovations say that are larger than the noise, or alike from epoch to epoch."""
 LARGEST_SQUARE = 4.0
 """Mean squared innovation, times the epochs over which it stays alike, beyond which sigmas are short by 2."""
-SURELY = 4.0
+SIGNIFICANT_SIGMAS = 4.0
 """Sigmas by which a correlation must stand out from what as many white numbers give."""
 FEWEST = 16
 """Epochs from which a correlation can be told."""
@@ -150,7 +150,7 @@ def memory_of(series: np.ndarray) -> float:
         if pairs < FEWEST:
             break
         r = float((x[lag:] * x[:-lag]).sum()) / pairs / square
-        if r * np.sqrt(pairs) < SURELY:
+        if r * np.sqrt(pairs) < SIGNIFICANT_SIGMAS:
             break
         memory += 2.0 * r
     return memory

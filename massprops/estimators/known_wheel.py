@@ -8,7 +8,7 @@ from types import ModuleType
 import numpy as np
 
 from massprops.dynamics.chaser_path import chaser_path
-from massprops.dynamics.inertia import DIRECTIONS, physical
+from massprops.dynamics.inertia import DIRECTIONS, project_to_physical
 from massprops.dynamics.quaternion import chained, multiply, rotation_matrix
 from massprops.estimators.result import Estimate
 from massprops.estimators.start import Start
@@ -46,7 +46,8 @@ def model_of_wheel(wheel: ModuleType, problem: Problem, start: Start) -> Model:
         A = (np.linalg.inv(inertia) @ columns).reshape(-1, columns.shape[2])
         step = np.linalg.lstsq(A, (w - predicted).reshape(-1), rcond=None)[0][:5]
         shares = (
-            physical(inertia + f * np.einsum("a,aij->ij", step, DIRECTIONS), LEAST_PART) for f in 0.5 ** np.arange(6)
+            project_to_physical(inertia + f * np.einsum("a,aij->ij", step, DIRECTIONS), LEAST_PART)
+            for f in 0.5 ** np.arange(6)
         )
         better = next((I for I in shares if linear(I)[2] < cost), None)
         if better is None:

@@ -13,14 +13,17 @@ import numpy as np
 
 from massprops.core.levenberg_marquardt import Damping, damped_step, descend
 from massprops.core.linalg import inverse_of
-from massprops.dynamics.inertia import DIRECTIONS, LEAST_PART, physical, principal_axes, ratio_derivatives
+from massprops.dynamics.inertia import DIRECTIONS, LEAST_PART, principal_axes, project_to_physical, ratio_derivatives
 from massprops.dynamics.quaternion import rotation_matrix
 from massprops.estimators.rates import LocalFit
 from massprops.geometry.vectors import skew
 
 FEWEST = 6
+"""Epochs with rates from which an inertia is sought."""
 LARGEST_COUNT = 60
+"""Steps of the search."""
 LARGEST_SQUARE = 20.0
+"""Squared residual, over the usual one, from which an epoch is an outlier."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +99,9 @@ def momentum_inertia(
         return None
     place = np.zeros(len(rows), int) if block is None else np.unique(block[rows], return_inverse=True)[1]
     use = _plausible(w)
-    starts = [physical(plain_inertia(q[rows][use], w[use]), 0.02), np.eye(3) / 3.0] if first is None else [first]
+    starts = (
+        [project_to_physical(plain_inertia(q[rows][use], w[use]), 0.02), np.eye(3) / 3.0] if first is None else [first]
+    )
     every = Conservation(R, w, P, place)
     inertia, use = _without_outliers(every, use, starts)
     problem = every.of(use)
@@ -110,14 +115,14 @@ def momentum_inertia(
     used = np.zeros(len(q), bool)
     used[rows[use]] = True
     return Momentum(
-        inertia,
-        at.momentum,
-        information,
-        inverse @ spread @ inverse,
-        problem.noise_share(at),
-        square_mean,
-        used,
-        correlation,
+        inertia=inertia,
+        momentum=at.momentum,
+        information=information,
+        covariance=inverse @ spread @ inverse,
+        noise_share=problem.noise_share(at),
+        square=square_mean,
+        used=used,
+        correlation=correlation,
     )
 
 
@@ -165,7 +170,7 @@ def _least(problem: Conservation, inertia: np.ndarray) -> At:
 
     def step(at: At, equations: tuple[np.ndarray, np.ndarray], damping: float) -> tuple[float, At]:
         trial = at.inertia + np.einsum("a,aij->ij", damped_step(*equations, damping), DIRECTIONS)
-        new = problem.at(physical(trial) if np.linalg.eigvalsh(trial)[2] >= 0.5 - LEAST_PART / 2 else trial)
+        new = problem.at(project_to_physical(trial) if np.linalg.eigvalsh(trial)[2] >= 0.5 - LEAST_PART / 2 else trial)
         return new.cost, new
 
     at = problem.at(inertia)
@@ -238,7 +243,10 @@ class Conservation:
         residual = h - (Rt @ H[self.block][..., None])[..., 0]
         force = (weight @ residual[..., None])[..., 0]
         blamed = (carried[:, 3:] @ force[..., None])[..., 0]
-        return At(inertia, residual, weight, force, blamed, lever, H, 0.5 * float(np.sum(residual * force)))
+        return At(
+            inertia=inertia, residual=residual, weight=weight, force=force, blamed=blamed, lever=lever, momentum=H,
+            cost=0.5 * float(np.sum(residual * force)),
+        )  # fmt: skip
 
     def score(self, at: At) -> np.ndarray:
         """(n, 5) derivative of each epoch's cost along `DIRECTIONS`, the blamed error of the rates taken off."""

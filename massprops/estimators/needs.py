@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from types import ModuleType
+from typing import TYPE_CHECKING
 
 from massprops.model.problem import Problem
+
+if TYPE_CHECKING:
+    from massprops.estimators.methods import Method
 
 SAID = {
     "tracks": "tracks of features (tracks0)",
@@ -25,7 +28,7 @@ HOW = {
 """What of a problem tells whether the sequence holds what a word of `NEEDS` asks for."""
 
 
-def unmet(method: ModuleType, problem: Problem) -> str:
+def unmet(method: Method, problem: Problem) -> str:
     """What the sequence lacks for a method, in one line; empty when it lacks nothing."""
     missing = []
     for entry in method.NEEDS:

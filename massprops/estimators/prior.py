@@ -12,14 +12,8 @@ from massprops.dynamics.alignment import similarity
 from massprops.dynamics.inertia import is_physical, ratios
 from massprops.errors import InputError
 from massprops.estimators.result import Prior
-from massprops.mass.ratio_space import (
-    chi_square,
-    covariance,
-    inertia_of,
-    log_components,
-    p_value,
-    turn_jacobian,
-)
+from massprops.estimators.start import Start
+from massprops.mass.ratio_space import chi_square, covariance, inertia_of, log_components, p_value, turn_jacobian
 
 if TYPE_CHECKING:
     from massprops.documents.filter import FeaturesFile, FilterFile
@@ -187,7 +181,7 @@ def _features(path: Path, content: FeaturesFile | None) -> tuple[np.ndarray | No
     return ids, content.xyz
 
 
-def judge(given: FilterPrior, reference: Estimate | None, start: Any, problem: Problem) -> PriorTest:
+def judge(given: FilterPrior, reference: Estimate | None, start: Start, problem: Problem) -> PriorTest:
     """Turns a prior into the start's frame and holds it against an estimate made without it.
 
     Args:
@@ -238,7 +232,7 @@ def _inflated(estimate: Estimate) -> np.ndarray:
     return estimate.k_covariance * max(1.0, estimate.innovation or 1.0)
 
 
-def into_frame(given: FilterPrior, start: Any, reference: Estimate | None, problem: Problem) -> tuple[Prior, str]:
+def into_frame(given: FilterPrior, start: Start, reference: Estimate | None, problem: Problem) -> tuple[Prior, str]:
     """The prior in the estimators' body frame, and what tied the frames: `attitude0`, `features` or `none`."""
     prior = given.prior
     if getattr(start, "body_frame", "own") == "attitude0" and _same_footage(given, problem):
@@ -274,7 +268,7 @@ def _same_footage(given: FilterPrior, problem: Problem) -> bool:
     return bool(same.all() and (cosine > 1 - 1e-6).all())
 
 
-def _in_metres(prior: Prior, start: Any, problem: Problem) -> Prior:
+def _in_metres(prior: Prior, start: Start, problem: Problem) -> Prior:
     """Features in model units, in the scale of the start; left out where that cannot be told."""
     found = _common(prior, problem, getattr(start, "features", None))
     if found is None or prior.features is None:

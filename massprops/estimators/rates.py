@@ -29,6 +29,7 @@ SAMPLES = 60
 LARGEST_STEP = 0.2
 """Rotation [rad] per Runge-Kutta step within a window."""
 LARGEST_SQUARE = 25.0
+"""Squared residual of a window, over the usual one, from which it is an outlier."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,10 @@ def from_attitude(
     smooth[thin], w[thin], out[thin] = np.nan, np.nan, np.nan
     index = _windows(times, every, size)[0]
     common = None if shared is None else np.einsum("nlxj,nljs->nxs", influence, shared[index], optimize=True)
-    return LocalFit(smooth, w, out * scale, size, scale, use, index, influence, covariance * scale, common)
+    return LocalFit(
+        q=smooth, w=w, covariance=out * scale, window=size, scale=scale, good=use, index=index, influence=influence,
+        sample_covariance=covariance * scale, shared=common,
+    )  # fmt: skip
 
 
 def from_rates(times: np.ndarray, w: np.ndarray, sigma: float) -> LocalFit:

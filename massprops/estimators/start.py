@@ -18,7 +18,9 @@ from massprops.model.problem import Problem
 from massprops.sensing.stereo import triangulate
 
 FEWEST = 6
+"""Epochs that must show the attitude."""
 PASSES = 2
+"""Further fits, by what the rates differ from free rotation with the inertia just found."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -191,12 +193,7 @@ def _from_rates(problem: Problem, early: np.ndarray) -> Start:
 
 
 def _of_fit(
-    times: np.ndarray,
-    rows: np.ndarray,
-    fit: rates.LocalFit,
-    w: np.ndarray,
-    found: Momentum | None,
-    warnings: list[str],
+    times: np.ndarray, rows: np.ndarray, fit: rates.LocalFit, w: np.ndarray, found: Momentum | None, warnings: list[str]
 ) -> Start:
     """The start in the fit's own body axes, without a path: its epochs `rows`, rates w, and the inertia where it was found."""
     return Start(
@@ -254,7 +251,7 @@ def _blocks(times: np.ndarray, fit: rates.LocalFit) -> np.ndarray:
 
 
 def within(covariance: np.ndarray, block: np.ndarray) -> np.ndarray:
-    """The turn's covariance counted from the middle of each block, since each has a momentum of its own."""
+    """Covariances (n, 6, 6) with the turn's counted from the middle of each block (n,), since each has a momentum of its own."""
     out = covariance.copy()
     for b in np.unique(block):
         rows = np.flatnonzero(block == b)

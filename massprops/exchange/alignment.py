@@ -84,7 +84,7 @@ def rotation_net(count: int) -> np.ndarray:
 
 
 def distinct(rotations: np.ndarray, order: np.ndarray, count: int, apart_deg: float = 10.0) -> list[int]:
-    """The first `count` of `order` that are at least `apart_deg` from those taken before."""
+    """The first `count` of rotations (n, 3, 3) in the order (n,) that are at least `apart_deg` from those taken before."""
     least = 1 + 2 * np.cos(np.radians(apart_deg))
     taken: list[int] = []
     for k in order:

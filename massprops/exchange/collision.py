@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 MOST_FACES = 4800
 TOLERANCE = 0.01
+"""Largest difference of an element of the inertia, over the mean moment, of a mesh of fewer faces."""
 
 
 def collision_mesh(mesh: trimesh.Trimesh, most_faces: int = MOST_FACES) -> trimesh.Trimesh:

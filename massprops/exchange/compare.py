@@ -147,15 +147,15 @@ def _compared(body: Body, target: trimesh.Trimesh, free: bool, seed: int, notes:
         moved = in_frame(fused, transform, density)
         together = _rows(moved, b, _usable_intervals(fused, free, body.metric), length)
     return Comparison(
-        transform,
-        free,
-        surface_distances(ours, target, length, seed + 5),
-        _rows(a, b, _usable_intervals(body.document, free, body.metric), length),
-        (*notes, *_scale_notes(body, free)),
-        ours,
-        Surface(target).signed(np.asarray(ours.vertices)),
-        together,
-        str((body.document.get("recommended") or {}).get("source", "mesh")),
+        transform=transform,
+        free_scale=free,
+        distances=surface_distances(ours, target, length, seed + 5),
+        rows=_rows(a, b, _usable_intervals(body.document, free, body.metric), length),
+        warnings=(*notes, *_scale_notes(body, free)),
+        mesh=ours,
+        vertex_distance=Surface(target).signed(np.asarray(ours.vertices)),
+        fused=together,
+        recommended=str((body.document.get("recommended") or {}).get("source", "mesh")),
     )
 
 

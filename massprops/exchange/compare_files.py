@@ -63,7 +63,7 @@ def write_comparison(comparison: Comparison, out: str | Path, inputs: Sequence[P
 
 
 def colour_limit(distance: np.ndarray) -> float:
-    """Distance [m] of the full colours: 95 % of the vertices lie below it; two digits, so that the legend is exact."""
+    """Distance of the full colours, of distances (v,) [m] of the vertices: 95 % lie below it; two digits, so that the legend is exact."""
     limit = float(np.percentile(np.abs(distance), 95))
     return float(f"{limit:.2g}") if limit > 0 else 1.0
 

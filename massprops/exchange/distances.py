@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     import trimesh
 
 SAMPLES = 40_000
+"""Points on a surface whose distances are taken."""
 MOST_VERTICES = 200_000
 
 

@@ -17,7 +17,7 @@ def bilinear(image: np.ndarray, uv: np.ndarray) -> np.ndarray:
 
 
 def peak(left: np.ndarray, middle: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """How far beyond the middle one of three even samples, the largest, a parabola through them is highest [steps]; 0 where they are
+    """How far beyond the middle one of three even samples (...), the largest, a parabola through them is highest [steps]; 0 where they are
     the same."""
     bow = np.asarray(2 * middle - left - right, float)
     return 0.5 * np.asarray(right - left, float) / np.where(bow > 0, bow, np.inf)

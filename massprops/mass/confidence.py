@@ -83,7 +83,7 @@ class ImageEvidence:
         misfit: images of placements that do not fit the one used, however they are turned: perhaps another object.
         contradicted: share of the matches that contradict where the model has images of one placement.
         contradicting: two such images, in words.
-        believed_from: where sides look alike and pairs of images with few matches were given up, the matches that were asked for; else 0.
+        matches_required: where sides look alike and pairs of images with few matches were given up, the matches that were asked for; else 0.
         readings: what else the object may be, in words, where nothing decides; the one that is used first.
         shutter: what is said of a rolling shutter that may have done harm.
     """
@@ -95,7 +95,7 @@ class ImageEvidence:
     misfit: int = 0
     contradicted: float = 0.0
     contradicting: str = ""
-    believed_from: int = 0
+    matches_required: int = 0
     readings: tuple[str, ...] = ()
     shutter: str = ""
 
@@ -219,16 +219,16 @@ def _of_surface(surface: SurfaceEvidence) -> list[Finding]:
 
 
 def _of_images(images: ImageEvidence) -> list[Finding]:
-    doubts = [(1, images.shutter)] if images.shutter else []
-    if images.believed_from:
+    findings = [(1, images.shutter)] if images.shutter else []
+    if images.matches_required:
         line = (
-            f"sides of the object look alike: only pairs of images with at least {images.believed_from} matches were believed; if some "
+            f"sides of the object look alike: only pairs of images with at least {images.matches_required} matches were used; if some "
             "of these join different sides, the shape is wrong"
         )
-        doubts.append((1, line))
+        findings.append((1, line))
     lost = 1.0 - images.used / images.given if images.given else 0.0
     return [
-        *doubts,
+        *findings,
         _finding(lost, LOST, MOSTLY_LOST, f"{images.given - images.used} of {images.given} images could not be used"),
         _finding(
             images.cut / max(images.used, 1),

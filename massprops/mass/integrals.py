@@ -58,7 +58,7 @@ def shift_integrals(rows: np.ndarray, shift: np.ndarray) -> np.ndarray:
 
 
 def scale_integrals(rows: np.ndarray, factor: np.ndarray | float) -> np.ndarray:
-    """Integrals of the same bodies with every length times `factor` (scalar or one a row): powers 3, 4 and 5."""
+    """Integrals (..., 10) of the same bodies with every length times `factor` (scalar or one a row): powers 3, 4 and 5."""
     factor = np.asarray(factor, float)
     powers = np.array([3.0] + [4.0] * 3 + [5.0] * 6)
     return np.asarray(rows, float) * factor[..., None] ** powers
@@ -108,7 +108,7 @@ def central_inertia(rows: np.ndarray, density: float) -> tuple[np.ndarray, np.nd
 
 
 def greatest_length(vertices: np.ndarray) -> tuple[float, int, int]:
-    """The body's diameter: the largest distance between two vertices, and which two they are.
+    """The body's diameter: the largest distance between two of the vertices (v, 3), and which two they are.
 
     This length is the model unit of a run without a scale.
     """

@@ -109,7 +109,7 @@ def _positive(axis: np.ndarray) -> np.ndarray:
 
 
 def properties_of_integrals(row: np.ndarray, density: float) -> MassProperties:
-    """Mass properties of the ten integrals of `massprops.mass.integrals`.
+    """Mass properties of the integrals (10,) of `massprops.mass.integrals` and a density [kg/m^3].
 
     Raises:
         InputError: the density is not positive, or the integrals are those of no body.

@@ -132,7 +132,7 @@ def interval_sigma(bounds: list[float], value: float) -> float:
 
 
 def chi_square(difference: np.ndarray, covariance: np.ndarray) -> tuple[float, int]:
-    """Squared difference in units of its covariance, and its degrees of freedom.
+    """Squared difference (k,) in units of its covariance (k, k), and its degrees of freedom.
 
     Directions without variance, such as the turn about an axis of symmetry, are left out.
     """

@@ -92,7 +92,7 @@ class Model:
 def model_of(
     sizes: dict[str, np.ndarray | None], inertia: np.ndarray | None = None, own: Iterable[ModuleType] = ()
 ) -> Model:
-    """A model with effects by name; None starts all of an effect's parameters at zero.
+    """A model with effects by name, parameters (k,) each; None starts all of an effect's at zero. inertia: (3, 3) of trace 3.
 
     Args:
         own: effects in place of the catalogue's of their names.
@@ -124,7 +124,7 @@ def lacks(effect: ModuleType, there: set[str]) -> str:
 
 
 def document_of(model: Model, sigma: dict[str, np.ndarray] | None = None) -> dict[str, Any]:
-    """What `model.yaml` holds."""
+    """What `model.yaml` holds; sigma: by effect, 1-sigma (k,) of its parameters."""
     listed = []
     for name, module, values in zip(model.names, model.modules, model.values, strict=True):
         entry: dict[str, Any] = {

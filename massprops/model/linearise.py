@@ -10,11 +10,11 @@ from massprops.dynamics import rotation, translation
 from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.quaternion import conjugate, from_rotation_matrix, multiply, rotation_matrix, rotation_vector
 from massprops.dynamics.sensitivities import sensitivities
-from massprops.dynamics.translation import in_rows, ways
+from massprops.dynamics.translation import derivatives, in_rows
 from massprops.model.measurements import Measurements
 from massprops.model.problem import Problem
-from massprops.model.state import BatchState, inertia_directions
-from massprops.sensing.predict import Motion, camera_turn, image, in_chaser, pixel_slopes
+from massprops.model.state import BODY_SIZE, INERTIA, PLACE, RATE, TURN, VELOCITY, BatchState, inertia_directions
+from massprops.sensing.predict import Motion, camera_turn, image, in_chaser, pixel_jacobian
 
 
 @dataclass(frozen=True)
@@ -172,10 +172,11 @@ class Slopes:
             environment,
         )
         nm = len(pm)
-        self.sensed_from = 17 + nm
-        self.size = 17 + nm + len(state.model.flat(False))
-        self.turn_columns = np.r_[0:6, 12:17, 17 : 17 + nm]
-        self.path_columns = np.r_[6:12, 17 : 17 + nm]
+        self.sensed_from = BODY_SIZE + nm
+        self.size = self.sensed_from + len(state.model.flat(False))
+        effects = slice(BODY_SIZE, self.sensed_from)
+        self.turn_columns = np.r_[TURN, RATE, INERTIA, effects]
+        self.path_columns = np.r_[PLACE, VELOCITY, effects]
 
 
 def _of_tracks(
@@ -184,7 +185,7 @@ def _of_tracks(
     """Residuals (o, 2) of the pixels, and their derivatives by the shared parameters and by their point, over 1-sigma."""
     model = at.state.model
     pm, ps = model.flat(True), model.flat(False)
-    slopes = pixel_slopes(problem.cameras, m.seen, at.motion, body_points(at, m), model.sensed, ps)
+    slopes = pixel_jacobian(problem.cameras, m.seen, at.motion, body_points(at, m), model.sensed, ps)
     e, own = m.seen.epoch, by.sensed_from
     turn, path = slopes.turn @ by.turn[e], slopes.place @ at.dr[e]
     if slopes.rate is not None:
@@ -193,12 +194,12 @@ def _of_tracks(
         path += slopes.velocity @ at.dv[e]
     # column by column of `turn_columns` and `path_columns` this takes several times as long
     J = np.empty((len(m.uv), 2, by.size))
-    J[:, :, :6], J[:, :, 6:12], J[:, :, 12:17] = turn[:, :, :6], path[:, :, :6], turn[:, :, 6:11]
-    J[:, :, 17:own] = turn[:, :, 11:] + path[:, :, 6:]
+    J[:, :, :6], J[:, :, 6:12], J[:, :, INERTIA] = turn[:, :, :6], path[:, :, :6], turn[:, :, 6:11]
+    J[:, :, BODY_SIZE:own] = turn[:, :, 11:] + path[:, :, 6:]
     for effect, place, _ in model.active:
         if hasattr(effect, "shift"):
-            for k, way in enumerate(ways(effect.shift, problem.times, pm[place])):
-                J[:, :, 17 + place.start + k] += np.einsum("oij,oj->oi", slopes.point, way[e])
+            for k, by_value in enumerate(derivatives(effect.shift, problem.times, pm[place])):
+                J[:, :, BODY_SIZE + place.start + k] += np.einsum("oij,oj->oi", slopes.point, by_value[e])
     J[:, :, own:] = slopes.effect
     J /= m.sigma[:, None, None]
     return (m.uv - slopes.uv) / m.sigma[:, None], J, slopes.point / m.sigma[:, None, None]
@@ -228,6 +229,6 @@ def _of_attitudes(problem: Problem, m: Measurements, at: Predicted, by: Slopes) 
     for effect, place in sensed.hooks("turn"):
         # the camera's own turn is small: a change of it turns the body the other way in cam0's axes
         whole = camera_turn(at.motion, sensed, ps) @ at.motion.R
-        for k, way in enumerate(ways(effect.turn, problem.times, ps[place])):
-            J[:, :, by.sensed_from + place.start + k] = -np.einsum("nji,nj->ni", whole, way)[m.attitude_at]
+        for k, by_value in enumerate(derivatives(effect.turn, problem.times, ps[place])):
+            J[:, :, by.sensed_from + place.start + k] = -np.einsum("nji,nj->ni", whole, by_value)[m.attitude_at]
     return np.asarray(J / problem.sigma_attitude[m.attitude_at, None, None])

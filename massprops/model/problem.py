@@ -76,7 +76,8 @@ class Problem:
         stamp, none = np.round(times * 1e9).astype(np.int64), np.full(n, np.nan)
         vector, quaternion = np.full((n, 3), np.nan), np.full((n, 4), np.nan)
         return Problem(
-            stamp, times, cameras, uv, np.full(c, sigma_px), np.arange(m), none, np.nan, vector, np.nan, quaternion, none,
+            stamp_ns=stamp, times=times, cameras=cameras, uv=uv, sigma_px=np.full(c, sigma_px), features=np.arange(m),
+            range_m=none, sigma_range=np.nan, rates=vector, sigma_rate=np.nan, attitude=quaternion, sigma_attitude=none,
             environment=environment or Environment(),
         )  # fmt: skip
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from massprops.core.linalg import consecutive
 from massprops.dynamics.inertia import DIRECTIONS, principal_axes, ratio_derivatives, ratios_of_moments
 from massprops.dynamics.quaternion import (
     from_rotation_matrix,
@@ -16,6 +17,11 @@ from massprops.dynamics.quaternion import (
 )
 from massprops.dynamics.rotation import six_of
 from massprops.model import Model
+
+TURN, RATE, PLACE, VELOCITY, INERTIA = consecutive((3, 3, 3, 3, 5))
+"""Where a step of the state has what: a turn and a rate in body axes, place and velocity, the inertia's five parameters."""
+BODY_SIZE = INERTIA.stop
+"""Numbers of a step before the parameters of the effects, which follow: those of the motion, then those of the sensors."""
 
 
 @dataclass(frozen=True)
@@ -40,8 +46,8 @@ class BatchState:
 
     @property
     def size(self) -> int:
-        """Parameters besides the feature points: 3 attitude, 3 rate, 3 place, 3 velocity, 5 inertia, effects."""
-        return 17 + sum(len(v) for v in self.model.values)
+        """Parameters besides the feature points: the body's and those of the effects."""
+        return BODY_SIZE + sum(len(v) for v in self.model.values)
 
     @property
     def motion_count(self) -> int:
@@ -72,7 +78,7 @@ def second_moment(inertia: np.ndarray) -> np.ndarray:
 
 
 def inertia_of(sigma: np.ndarray) -> np.ndarray:
-    """The inertia of a second moment, scaled to a mean moment of 1."""
+    """The inertia (3, 3) of a second moment (3, 3), scaled to a mean moment of 1."""
     inertia = np.trace(sigma) * np.eye(3) - sigma
     return np.asarray(3.0 * inertia / np.trace(inertia))
 
@@ -107,21 +113,21 @@ def moved(state: BatchState, d: np.ndarray, points: np.ndarray) -> BatchState:
     """The state after a step d (size,) and new points.
 
     The step is what it is to first order; beyond, the body axes turn with their content: a turn of them against the body,
-    which only a belief about the inertia prevents, is then straight however far it goes.
+    which only a prior of the inertia prevents, is then straight however far it goes.
     """
-    k = 17 + state.motion_count
-    back, inertia = rotation_matrix(from_rotation_vector(-d[:3])), state.inertia
-    if np.any(d[12:17]):
-        inertia = back @ moved_inertia(inertia, d[12:17] - _turning(inertia, d[:3])) @ back.T
+    turn, sensed_from = d[TURN], BODY_SIZE + state.motion_count
+    back, inertia = rotation_matrix(from_rotation_vector(-turn)), state.inertia
+    if np.any(d[INERTIA]):
+        inertia = back @ moved_inertia(inertia, d[INERTIA] - _turning(inertia, turn)) @ back.T
     return replace(
         state,
-        q0=normalise(multiply(state.q0, from_rotation_vector(d[:3]))),
-        w0=back @ (state.w0 + d[3:6] + np.cross(d[:3], state.w0)),
-        r0=state.r0 + d[6:9],
-        v0=state.v0 + d[9:12],
+        q0=normalise(multiply(state.q0, from_rotation_vector(turn))),
+        w0=back @ (state.w0 + d[RATE] + np.cross(turn, state.w0)),
+        r0=state.r0 + d[PLACE],
+        v0=state.v0 + d[VELOCITY],
         inertia=inertia,
-        model=state.model.moved(d[17:k], d[k:]),
-        points=(points + np.cross(d[:3], state.points)) @ back.T,
+        model=state.model.moved(d[BODY_SIZE:sensed_from], d[sensed_from:]),
+        points=(points + np.cross(turn, state.points)) @ back.T,
     )
 
 
@@ -132,7 +138,7 @@ def _turning(inertia: np.ndarray, turn: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.lstsq(directions.T, np.array(six_of(inertia @ K - K @ inertia)), rcond=None)[0])
 
 
-def ratio_slopes(inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def ratio_jacobian(inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """k (2,), axes (3, 3), and their derivatives by the five local parameters: (2, 5), and (3, 5) as a small turn in
     body axes."""
     moments, axes = principal_axes(inertia)

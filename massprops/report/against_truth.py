@@ -122,7 +122,17 @@ def errors(found: Estimate, problem: Problem, truth: Truth) -> Errors | None:
     if found.observable and found.principal_axes is not None and inertia is not None:
         axes = float(np.linalg.norm(turn_between(turn @ found.principal_axes, ratios(inertia)[1])))
     history = None if found.k_history is None or k is None else found.k_history[at] - k
-    return Errors(np.asarray(found.times)[at], apart, w, position, k_error, axes, history, at, turn)
+    return Errors(
+        times=np.asarray(found.times)[at],
+        attitude=apart,
+        w=w,
+        position=position,
+        k=k_error,
+        axes=axes,
+        k_history=history,
+        at=at,
+        turn=turn,
+    )
 
 
 def attitude_turn(problem: Problem, truth: Truth) -> np.ndarray | None:

@@ -194,7 +194,7 @@ def _summary(outcome: Outcome, content: dict[str, Any], truth: Truth | None) -> 
             parts.append(
                 f'<p class="soft">Truth: k1 = {number(k[0], 5)}, k2 = {number(k[1], 5)}. Errors are root mean squares over the second half of the recording.</p>'
             )
-    parts.append(_doubts(content["estimators"]))
+    parts.append(_unreliable(content["estimators"]))
     if outcome.skipped:
         lines = "".join(f"<li>{text(n)}: {text(why)}</li>" for n, why in outcome.skipped.items())
         parts.append(f"<h3>Not run</h3><ul>{lines}</ul>")
@@ -226,7 +226,7 @@ def _reliable(e: dict[str, Any]) -> str:
     return next((said for name, said in lacks.items() if not e.get(name)), "yes")
 
 
-def _doubts(estimators: list[dict[str, Any]]) -> str:
+def _unreliable(estimators: list[dict[str, Any]]) -> str:
     """Why methods are not reliable, each reason once."""
     names: dict[str, list[str]] = {}
     for e in estimators:
@@ -288,7 +288,7 @@ def _method(e: Estimate, error: Errors | None) -> str:
 
 
 def thin(n: int) -> np.ndarray:
-    """Indices of at most `MOST_POINTS` of n points, ends kept."""
+    """Indices (k,) of at most `MOST_POINTS` of n points, ends kept."""
     return np.unique(np.linspace(0, n - 1, min(n, MOST_POINTS)).round().astype(int))
 
 

@@ -103,5 +103,5 @@ def data_uri(image: np.ndarray, kind: str = "jpeg", quality: int = 72) -> str:
 
 
 def packed(array: np.ndarray) -> str:
-    """The bytes of an array in base64."""
+    """The bytes of an array of any shape in base64."""
     return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode()

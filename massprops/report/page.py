@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import pkgutil
 from collections.abc import Iterable
 from dataclasses import replace
-from importlib import import_module
 from importlib.resources import files
 from pathlib import Path
-from types import ModuleType
-from typing import Any
+from string import Template
+from typing import Any, Protocol, cast
 
 from massprops.core.files import json_text, write_whole
 from massprops.core.outputs import Outputs, claim
+from massprops.packaged import modules_of
 from massprops.report import sections
 from massprops.report.data import RunData, read_run
 from massprops.report.html import text
@@ -25,10 +24,21 @@ OWNER = "report"
 UNREADABLE = "This section could not be made from the run's files"
 
 
-def all_sections() -> list[ModuleType]:
+class Section(Protocol):
+    """What a file of `sections` holds: its heading, its place, and what it makes of a run, "" for nothing."""
+
+    __name__: str
+    TITLE: str
+    ORDER: float
+
+    def render(self, data: RunData) -> str:
+        """HTML."""
+        ...
+
+
+def all_sections() -> list[Section]:
     """Every module of `sections`, by its ORDER."""
-    found = [import_module(f"{sections.__name__}.{m.name}") for m in pkgutil.iter_modules(sections.__path__)]
-    return sorted(found, key=lambda module: module.ORDER)
+    return sorted(cast("list[Section]", modules_of(sections.__name__)), key=lambda section: section.ORDER)
 
 
 def write_report(run: str | Path) -> Path:
@@ -103,12 +113,12 @@ def document(title: str, body: str, links: str = "", subtitle: str = "") -> str:
         f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src {script_source(code)}; "
         "base-uri 'none'; form-action 'none'"
     )
-    below = f'<p class="soft breaks">{text(subtitle)}</p>' if subtitle else ""
-    return (
-        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
-        f'<meta http-equiv="Content-Security-Policy" content="{policy}">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f'<link rel="icon" href="data:,"><title>{text(title)}</title><style>{style}</style></head><body>'
-        f"<header><h1>{text(title)}</h1>{below}<nav>{links}</nav></header><main>{body}</main>"
-        f"{code}</body></html>"
+    return Template(files(__package__).joinpath("page.html").read_text()).substitute(
+        policy=policy,
+        title=text(title),
+        style=style,
+        below=f'<p class="soft breaks">{text(subtitle)}</p>' if subtitle else "",
+        links=links,
+        body=body,
+        code=code,
     )

@@ -8,7 +8,7 @@ import numpy as np
 
 from massprops.report.curves import COLOURS
 from massprops.report.html import mark, round_marks
-from massprops.report.svg import Axes, drawing, legend
+from massprops.report.svg import Axes, drawing, legend, polygon, polyline
 
 
 def _pieces(y: np.ndarray) -> list[np.ndarray]:
@@ -91,11 +91,11 @@ def _drawn(
     for x, low, high in bands:
         low, high = (np.clip(np.asarray(v, float), *axes.y) for v in (low, high))
         area = f"{axes.points(x, high)} {axes.points(x[::-1], low[::-1])}"
-        parts.append(f'<polygon class="band" points="{area}"/>')
+        parts.append(polygon(area, 'class="band"'))
     for (_name, x, y), style in zip(series, styles, strict=True):
         for piece in _pieces(np.asarray(y, float)):
             points = axes.points(np.asarray(x)[piece], np.asarray(y)[piece])
-            parts.append(f'<polyline class="{style}" points="{points}"/>')
+            parts.append(polyline(points, f'class="{style}"'))
     parts.append(axes.titles(*labels))
     named = [(name, style) for (name, _, _), style in zip(series, styles, strict=True) if name]
     return drawing(parts, size, f"{labels[1]} over {labels[0]}", "plot") + legend(named)

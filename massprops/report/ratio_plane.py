@@ -9,7 +9,7 @@ import numpy as np
 
 from massprops.report.curves import OWN, method_style
 from massprops.report.html import round_marks, text
-from massprops.report.svg import Axes, dot, drawing, legend
+from massprops.report.svg import Axes, clipped, dot, drawing, legend, pane, polygon
 
 NINETY = 2.1460
 """Radius of the 90 % ellipse of two normal variables, sqrt(-2 ln 0.1)."""
@@ -57,13 +57,13 @@ def ratio_plane(own: dict[str, Any], estimators: list[dict[str, Any]], reference
         f" Outside the chart: {text(', '.join(far))}." if far else ""
     )
     left, right, top, bottom = MARGIN
-    box = f'x="{left}" y="{top}" width="{SIZE[0] - left - right}" height="{SIZE[1] - top - bottom}"'
+    inside = (left, top, SIZE[0] - left - right, SIZE[1] - top - bottom)
     parts = (
-        f'<clipPath id="plane"><rect {box}/></clipPath><rect class="pane" {box}/>',
+        pane(*inside),
         axes.columns(round_marks(x0, x1), lines=True),
         axes.rows(round_marks(y0, y1)),
         axes.titles("k1", "k2"),
-        f'<g clip-path="url(#plane)">{"".join(drawn[::-1])}</g>',
+        clipped(drawn[::-1], *inside),
     )
     return (
         drawing(parts, SIZE, "k1 and k2 of every method")
@@ -119,7 +119,7 @@ def _bounds(marks: list[Mark]) -> tuple[np.ndarray, np.ndarray]:
 def _drawn(one: Mark, axes: Axes, thick: bool) -> str:
     points = axes.points(one.outline[:, 0], one.outline[:, 1])
     kind = f"{one.style}{' thick' if thick else ''}"
-    ring = f'<polygon class="ring {kind}" points="{points}"/>' if points else ""
+    ring = polygon(points, f'class="ring {kind}"') if points else ""
     return ring + dot(
         float(axes.right(one.k[0])), float(axes.down(one.k[1])), 4 if thick else 2.5, f'class="dot {kind}"'
     )

@@ -120,7 +120,7 @@ def film_of(data: RunData) -> tuple[Frame, ...]:
 
 
 def packed_scene(scene: Scene, middle: np.ndarray, size: float) -> dict[str, Any]:
-    """The scene for the page, in units of the body's reach about its middle."""
+    """The scene for the page, in units of the body's reach `size` about its middle (3,)."""
     from massprops.report.html import packed
 
     points = np.clip((scene.points - middle) / size, -2, 2)

@@ -44,9 +44,42 @@ def words(x: float, y: float, content: str, anchor: str = "middle", style: str =
     return f'<text {style} x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{text(content)}</text>'
 
 
+def box(x: float, y: float, width: float, height: float, style: str, round_by: float = 0.0) -> str:
+    """A rectangle from its upper left corner; style: attributes; round_by: radius of its corners."""
+    rounded = f' rx="{round_by:g}"' if round_by else ""
+    return f'<rect {style} x="{x:.1f}" y="{y:.1f}" width="{width:.1f}" height="{height:.1f}"{rounded}/>'
+
+
+def pane(x: float, y: float, width: float, height: float, round_by: float = 0.0) -> str:
+    """The ground that something is drawn on."""
+    return box(x, y, width, height, 'class="pane"', round_by)
+
+
 def curve(points: np.ndarray, style: str) -> str:
     """A line through points (n, 2); style: attributes."""
-    return f'<polyline {style} points="{" ".join(f"{a:.1f},{b:.1f}" for a, b in points)}"/>'
+    return polyline(" ".join(f"{a:.1f},{b:.1f}" for a, b in points), style)
+
+
+def polyline(points: str, style: str) -> str:
+    """A line through points as of `Axes.points`; style: attributes."""
+    return f'<polyline {style} points="{points}"/>'
+
+
+def polygon(points: str, style: str) -> str:
+    """An area within points as of `Axes.points`; style: attributes."""
+    return f'<polygon {style} points="{points}"/>'
+
+
+def clipped(parts: Iterable[str], x: float, y: float, width: float, height: float) -> str:
+    """What of the parts lies within a rectangle; one such on a page."""
+    return (
+        f'<clipPath id="plane">{box(x, y, width, height, "")}</clipPath><g clip-path="url(#plane)">{"".join(parts)}</g>'
+    )
+
+
+def picture(address: str, width: float, height: float) -> str:
+    """An image at a data address."""
+    return f'<image width="{width:g}" height="{height:g}" href="{address}"/>'
 
 
 def legend(named: Iterable[tuple[str, str]]) -> str:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-OBJECT, DOUBT = (96, 220, 110), (40, 60, 230)  # BGR
+from massprops.views import AMBIGUOUS
+
+OBJECT_COLOUR, AMBIGUOUS_COLOUR = (96, 220, 110), (40, 60, 230)  # BGR
 SPECK = 12
 """Area [px] of outlines that are noise at the size of a thumbnail."""
 
@@ -24,8 +26,8 @@ def thumbnail(image: np.ndarray, mask: np.ndarray | None, width: int) -> np.ndar
     if mask is None:
         return out
     shown = cv2.resize(mask, small, interpolation=cv2.INTER_NEAREST)
-    ambiguous = shown == 128
-    out[ambiguous] = (0.6 * out[ambiguous] + 0.4 * np.array(DOUBT)).astype(np.uint8)
+    ambiguous = shown == AMBIGUOUS
+    out[ambiguous] = (0.6 * out[ambiguous] + 0.4 * np.array(AMBIGUOUS_COLOUR)).astype(np.uint8)
     lines, _ = cv2.findContours((shown > 0).astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-    cv2.drawContours(out, [c for c in lines if cv2.contourArea(c) > SPECK], -1, OBJECT, 1)
+    cv2.drawContours(out, [c for c in lines if cv2.contourArea(c) > SPECK], -1, OBJECT_COLOUR, 1)
     return out

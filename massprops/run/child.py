@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from massprops.core.files import plain
+from massprops.core.messages import HANDLE, sayer
 from massprops.core.parts import Parts
 from massprops.core.processes import die_with_parent, limit_memory, peak_memory_mb
 from massprops.errors import MasspropsError
@@ -29,12 +30,12 @@ def main() -> int:
     die_with_parent()
     limit_memory()
     request = json.loads(Path(sys.argv[1]).read_text())
-    pipe = os.fdopen(int(os.environ["MASSPROPS_PIPE"]), "w", buffering=1)
+    send = sayer(int(os.environ[HANDLE]))
 
     def say(content: dict[str, Any]) -> None:
         if "progress" not in content:
             content["peak_memory_mb"] = peak_memory_mb()
-        pipe.write(json.dumps(plain(content)) + "\n")
+        send(plain(content))
 
     last = [0.0]
 

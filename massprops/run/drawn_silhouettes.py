@@ -22,7 +22,7 @@ from massprops.capture.from_shape import (
     unsure,
 )
 from massprops.geometry.projection import project
-from massprops.views import Views
+from massprops.views import AMBIGUOUS, Views
 
 if TYPE_CHECKING:
     from massprops.capture.support_evidence import SupportEvidence
@@ -153,15 +153,15 @@ def drawn_silhouette(image: np.ndarray, views: Views, i: int, shown: Visible) ->
     solid = refine(image, known)
     mask = np.where(solid, 255, 0).astype(np.uint8)
     if shown.painted is not None:
-        mask[unsure(image, solid, shown.painted, far)] = 128
+        mask[unsure(image, solid, shown.painted, far)] = AMBIGUOUS
     return mask, known, hidden_share(depth, at, deep, seen[len(uv) :])
 
 
 def stored(mask: np.ndarray, views: Views, i: int) -> np.ndarray:
-    """A silhouette of `drawn_silhouette` in the geometry of the stored frame."""
+    """A silhouette (h, w) of `drawn_silhouette` in the geometry of the stored frame."""
     lens = tuple(views.size[i]), views.K[i], views.distortion[i]
     out = to_stored(mask == 255, *lens)
-    out[(to_stored(mask > 0, *lens) > 0) & (out == 0)] = 128
+    out[(to_stored(mask > 0, *lens) > 0) & (out == 0)] = AMBIGUOUS
     return out
 
 

@@ -20,6 +20,7 @@ from massprops.errors import InputError
 from massprops.report.masks_page import Sheet, Silhouette, masks_page
 from massprops.sfm.footage import silhouette_file
 from massprops.sfm.global_images import SHIFTS, as_read
+from massprops.views import AMBIGUOUS
 
 COMMAND = "masks"
 PAGE = "masks.html"
@@ -191,7 +192,7 @@ def against_mesh(run: Path) -> dict[str, float]:
             continue
         flat = undistort(mask, views.K[i], views.distortion[i], nearest=True)
         drawn = silhouette(vertices, faces, views.K[i], views.R[i], views.t[i], flat.shape[::-1])
-        known = flat != 128
+        known = flat != AMBIGUOUS
         out[name] = overlap(drawn & known, (flat == 255) & known)
     return out
 

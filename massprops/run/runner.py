@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import massprops
@@ -27,13 +26,14 @@ from massprops.core.files import (
     write_whole,
 )
 from massprops.core.log import log
+from massprops.core.messages import HANDLE
 from massprops.core.outputs import BASES, OWN, Outputs, lock_to_pass
 from massprops.core.processes import address_space_hint, child_environment, processors, python_module
 from massprops.documents.loading import load_json, load_yaml
 from massprops.errors import InputError
 from massprops.run.full_disk import disk_full, no_place
 from massprops.run.job import ReconstructOptions
-from massprops.run.stages import ALWAYS, EXTRA, ORDER, load_stage
+from massprops.run.stages import ALWAYS, EXTRA, ORDER, Stage, load_stage
 
 Watch = Callable[[str, int, int, int, int, str], None]
 """`watch(stage, number, count, done, total, what)`: how far the run is."""
@@ -339,7 +339,7 @@ class _Chain:
         """Starts a stage's process and listens to it until it ends: the process, its last word, what it used."""
         read_end, write_end = os.pipe()
         environment = child_environment(
-            MASSPROPS_PIPE=str(write_end),
+            **{HANDLE: str(write_end)},
             OMP_NUM_THREADS=str(self._threads),
             OMP_WAIT_POLICY="passive",
             OPENBLAS_NUM_THREADS="1",
@@ -404,7 +404,7 @@ class _Chain:
             raise _no_manifest(self.run, error) from None
 
 
-def _keys(stages: Mapping[str, ModuleType], options: ReconstructOptions, inputs: Mapping[str, str]) -> dict[str, str]:
+def _keys(stages: Mapping[str, Stage], options: ReconstructOptions, inputs: Mapping[str, str]) -> dict[str, str]:
     """The key of each stage: a hash of everything that its result depends on."""
     keys: dict[str, str] = {}
     chosen = asdict(options)

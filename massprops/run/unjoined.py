@@ -45,7 +45,7 @@ def _measured(job: Job, number: int, focal_sigma: float) -> Unjoined | None:
     """One placement; None where no closed body was measured, or nothing is known of what it stood on."""
     from massprops.run.stages.shape import placement_folder, placement_points
     from massprops.surface.cloud import Cloud
-    from massprops.surface.spread import Doubts, replicates
+    from massprops.surface.spread import ErrorSources, replicates
 
     placement = json.loads((job.work("shape") / "shape.json").read_text())["placements"][number]
     if placement["method"] != "measured" or placement["support_plane"] is None:
@@ -68,7 +68,7 @@ def _measured(job: Job, number: int, focal_sigma: float) -> Unjoined | None:
     except NotPossible:
         return None
     body = mesh_integrals(surface.vertices, surface.faces)
-    rows, _ = replicates(surface, len(here), Doubts(focal_sigma), seed=job.seed)
+    rows, _ = replicates(surface, len(here), ErrorSources(focal_sigma), seed=job.seed)
     water = water_held(surface.vertices, surface.faces, support, surface.spacing)
     return Unjoined(body, rows, water > VESSEL * body[0], len(here))
 

@@ -14,6 +14,7 @@ from massprops.geometry.vectors import skew
 from massprops.sensing.pinhole import Pinhole
 
 STEP = 1e-30
+"""Complex step: so small that its square vanishes."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,7 @@ def pixels(
 
 
 @dataclass(frozen=True)
-class PixelSlopes:
+class PixelJacobian:
     """Pixels (o, 2) and derivatives by: turn (o, 2, 3) of the body about its axes, rate (o, 2, 3), place (o, 2, 3),
     velocity (o, 2, 3), point (o, 2, 3), effect parameters (o, 2, s)."""
 
@@ -131,10 +132,10 @@ class PixelSlopes:
     effect: np.ndarray
 
 
-def pixel_slopes(
+def pixel_jacobian(
     cameras: tuple[Pinhole, ...], seen: Seen, motion: Motion, points: np.ndarray, sensed: Sensed, p: np.ndarray
-) -> PixelSlopes:
-    """`pixels` with its derivatives."""
+) -> PixelJacobian:
+    """`pixels` with its derivatives; points (o, 3) in body axes, p (s,) parameters of the effects."""
     X, body, late = in_chaser(seen, motion, points, sensed, p)
     uv = image(cameras, seen.camera, X, sensed, p)
     G = np.empty((len(X), 2, 3))
@@ -152,7 +153,7 @@ def pixel_slopes(
         moved[j] += 1j * STEP
         effect[:, :, j] = np.imag(pixels(cameras, seen, motion, points, sensed, moved)) / STEP
     if late is None:
-        return PixelSlopes(uv, turned, None, H, None, HR, effect)
+        return PixelJacobian(uv, turned, None, H, None, HR, effect)
     by_point = HR @ rotation_matrix(from_rotation_vector(motion.w[seen.epoch] * late[:, None]))
     wait = late[:, None, None]
-    return PixelSlopes(uv, turned, turned * wait, H, H * wait, by_point, effect)
+    return PixelJacobian(uv, turned, turned * wait, H, H * wait, by_point, effect)

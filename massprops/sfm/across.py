@@ -35,7 +35,7 @@ TRIALS, MOST_MATCHES = 500, 2000
 """Triples of matches tried, with a sixth of them right one in 200 is; and matches drawn from all."""
 AGREES_PX = 4.0
 """Places of matching features agree on a turn and shift within this: both shapes are some pixels wrong."""
-AGREEING, SURELY = 0.1, 0.3
+AGREEING, ENOUGH_AGREE = 0.1, 0.3
 """Share of the matches that must agree, and from which on no further turn is tried: of a tin 0.89 at the right turn, 0.65 and 0.4 at 20 and 40 degrees from it, at most
 0.05 at eight wrong ones."""
 GATES_PX = (6.0, 4.0, 2.5)
@@ -315,7 +315,7 @@ class _Both:
             found = self.agreed(R, self.first.middle - R @ self.second.middle, coarse=True)
             if found is not None and (best is None or found.count > best.count):
                 best = found
-                if found.share > SURELY:
+                if found.share > ENOUGH_AGREE:
                     break
         return best
 

@@ -23,6 +23,7 @@ class Similarity(NamedTuple):
 
 
 STAYS = Similarity(1.0, np.eye(3), np.zeros(3))
+"""The part that the others are moved to."""
 
 
 class Part(NamedTuple):

@@ -118,7 +118,7 @@ class Attempt:
         warnings: one line each.
         repeats: whether a pattern repeats, so that matches are of what is unique.
         moved: whether the object was moved while its room stayed, so that its own features are used alone.
-        believed_from: where sides look alike, the matches that a pair needs to be believed; 0 elsewhere.
+        matches_required: where sides look alike, the matches that a pair needs to be believed; 0 elsewhere.
     """
 
     database: Path
@@ -131,7 +131,7 @@ class Attempt:
     warnings: list[str]
     repeats: bool = False
     moved: bool = False
-    believed_from: int = 0
+    matches_required: int = 0
 
     @property
     def registered(self) -> int:
@@ -204,19 +204,11 @@ def attempt(
         NotPossible: too little texture, or no pair of images to start from.
     """
     work.mkdir(parents=True, exist_ok=True)
-    wanted = {"usual": options.features, "enlarged": options.enlarged, "faint": options.faint}[way]
-    if way == "enlarged":
-        wanted = with_denoising(footage, wanted)
-    features, warnings = given or {}, []
     if given is None:
-        features, warnings = extract_all(footage, wanted, masked, options.threads, progress, options.parts)
-    _require_texture(features, len(footage.frames))
-    repeats = given is None and repeating(_some(features)) > REPEATS
-    if repeats and wanted.most < options.unlimited:
-        wanted = replace(wanted, most=options.unlimited)
-        features, warnings = extract_all(footage, wanted, masked, options.threads, progress, options.parts)
-    if repeats:
-        features = {n: largest(*f, ENOUGH_UNIQUE) for n, f in features.items()}
+        features, warnings, repeats = _features(footage, options, masked, way, progress)
+    else:
+        features, warnings, repeats = given, [], False
+        _require_texture(features, len(footage.frames))
     special = way == "faint" or repeats
     mapping = mapping_options(footage, options, masked, special)
     database = work / "database.db"
@@ -237,10 +229,42 @@ def attempt(
         if len(first) == len(names) * (len(names) - 1) // 2:
             raise
     few = not repeats and float(np.median([len(d) for d in descriptors])) < FEW
-    found = Attempt(database, mapping, models, features, compare, few, special, warnings, repeats)
+    found = Attempt(
+        database=database,
+        mapping=mapping,
+        models=models,
+        features=features,
+        match=compare,
+        few=few,
+        special=special,
+        warnings=warnings,
+        repeats=repeats,
+    )
     if found.registered < ENOUGH * len(names) and not repeats and way != "enlarged":
         return _with_similar(ModelInputs(found, footage, options, work, progress), names, first)
     return found
+
+
+def _features(
+    footage: FootageRecord, options: SfmOptions, masked: bool, way: Way, progress: Progress
+) -> tuple[Features, list[str], bool]:
+    """The features of all images, warnings, and whether most of them repeat within their images.
+
+    Raises:
+        NotPossible: too little texture.
+    """
+    wanted = {"usual": options.features, "enlarged": options.enlarged, "faint": options.faint}[way]
+    if way == "enlarged":
+        wanted = with_denoising(footage, wanted)
+    features, warnings = extract_all(footage, wanted, masked, options.threads, progress, options.parts)
+    _require_texture(features, len(footage.frames))
+    repeats = repeating(_some(features)) > REPEATS
+    if repeats and wanted.most < options.unlimited:
+        wanted = replace(wanted, most=options.unlimited)
+        features, warnings = extract_all(footage, wanted, masked, options.threads, progress, options.parts)
+    if repeats:
+        features = {n: largest(*f, ENOUGH_UNIQUE) for n, f in features.items()}
+    return features, warnings, repeats
 
 
 def _require_texture(features: Features, images: int) -> None:

@@ -13,6 +13,7 @@ from massprops.sfm.points import SparsePoints, residuals
 from massprops.views import Views
 
 SECOND = 1_000_000_000
+"""[ns]."""
 
 
 def quaternion(R: np.ndarray) -> np.ndarray:

@@ -96,7 +96,7 @@ class Agreement:
     log_p: float
 
     @property
-    def believed(self) -> bool:
+    def beyond_chance(self) -> bool:
         """Whether it is no chance."""
         return self.log_p < np.log(CHANCE) and self.found >= LEAST_POINTS // 2
 
@@ -151,14 +151,14 @@ def agreement(
     x = _climb(slope, off, spread, rng)
     R, scale = _turn(x[:3]), float(np.exp(x[3]))
     return Agreement(
-        scale,
-        R,
-        middle + x[4:] - scale * R @ middle,
-        _agreeing(slope, off, x),
-        tried,
-        found,
-        chance,
-        _log_tail(tried, found, chance),
+        scale=scale,
+        R=R,
+        t=middle + x[4:] - scale * R @ middle,
+        agree=_agreeing(slope, off, x),
+        tried=tried,
+        found=found,
+        chance=chance,
+        log_p=_log_tail(tried, found, chance),
     )
 
 
@@ -194,9 +194,9 @@ def _linear(
         return projected(views, v, x)
 
     d = xyz - middle
-    ways = [*(np.cross(e, d) for e in np.eye(3)), d, *(np.tile(e, (len(d), 1)) for e in np.eye(3))]
+    directions = [*(np.cross(e, d) for e in np.eye(3)), d, *(np.tile(e, (len(d), 1)) for e in np.eye(3))]
     step = 1e-4
-    slope = [(seen(xyz + step * sign * w) - seen(xyz - step * sign * w)) / (2 * step) for w in ways]
+    slope = [(seen(xyz + step * sign * w) - seen(xyz - step * sign * w)) / (2 * step) for w in directions]
     return np.stack(slope, axis=2), candidates.uv - seen(xyz)
 
 

@@ -129,7 +129,7 @@ def _by_strong_pairs(found: Attempt, footage: FootageRecord, work: Path, progres
     if core is None or core.registered < HALF * found.registered:
         return None
     line = (
-        f"sides of the object look alike: pairs of images with fewer than {core.believed_from} matches were given up, as they contradict "
+        f"sides of the object look alike: pairs of images with fewer than {core.matches_required} matches were given up, as they contradict "
         "the rest"
     )
     return replace(core, warnings=[*found.warnings, line])
@@ -178,7 +178,7 @@ class Maps:
             if kept is None or kept.registered < HALF * self.found.registered:
                 return None
             if not _against(kept).pairs:
-                return replace(kept, believed_from=least)
+                return replace(kept, matches_required=least)
         return None
 
 

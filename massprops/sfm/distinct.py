@@ -118,5 +118,5 @@ def _second(cosine: np.ndarray) -> np.ndarray:
 
 
 def angles(cosine: np.ndarray) -> np.ndarray:
-    """Angles [rad] of cosines."""
+    """Angles [rad] of cosines of any shape."""
     return np.arccos(np.clip(cosine, -1.0, 1.0))

@@ -2,8 +2,10 @@
 
 A fisheye's image radius follows the angle t to the axis, t (1 + k1 t^2 + k2 t^4 + k3 t^6 + k4 t^8) (Kannala and Brandt
 2006; COLMAP's OPENCV_FISHEYE). What works with a pinhole camera's distortion reads it as OpenCV's rational model,
-(1 + a1 u + a2 u^2 + a3 u^3) / (1 + b1 u + b2 u^2 + b3 u^3) of u = tan(t)^2, which agrees with it to 2e-4 px
-up to 65 degrees off the axis, and to 0.02 px up to 80 (focal length 300 px).
+
+    (1 + a1 u + a2 u^2 + a3 u^3) / (1 + b1 u + b2 u^2 + b3 u^3) of u = tan(t)^2.
+
+The two agree to 2e-4 px up to 65 degrees off the axis, and to 0.02 px up to 80 (focal length 300 px).
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ def fisheye_factor(k: np.ndarray, angle: np.ndarray) -> np.ndarray:
 
 
 def widest_angle(k: np.ndarray, radius: float) -> float:
-    """Angle to the axis [rad] that reaches an image radius (over the focal length), `WIDEST` at most."""
+    """Angle to the axis [rad] that reaches an image radius (over the focal length), `WIDEST` at most; k: (4,) coefficients."""
     angle = np.linspace(0.0, WIDEST, 2000)
     reached = angle * fisheye_factor(k, angle)
     beyond = np.flatnonzero((reached > radius) | (np.diff(reached, prepend=-1.0) <= 0))

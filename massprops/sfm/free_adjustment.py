@@ -169,7 +169,7 @@ class MotionSystem:
         s = derivatives(views, points)
         lens = Lens([np.stack([s.x * s.radial, s.y * s.radial], 1) * s.f[:, None]] if self.free else [], {}, {})
         system = System(len(views), points, s, lens, weight)
-        of_points = system.slopes_of_points(r, weight)
+        of_points = system.point_jacobian(r, weight)
         score = np.asarray(system.scores(r, weight).sum(axis=0)).ravel()
         return Linear(r, weight, system, self.columns(state.tumble, views.R, self.times), of_points, score)
 

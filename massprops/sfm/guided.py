@@ -180,7 +180,7 @@ def _predicted(views: Views, pair: tuple[int, int], a: Placed, gate: Gate) -> tu
 
 
 def within(uv: np.ndarray, middle: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs (number of a middle, number of a place uv) that are within reach."""
+    """Pairs, numbers (g,) of a middle (k, 2) and (g,) of a place uv (m, 2), that are within reach (k,) [px]."""
     from scipy.spatial import cKDTree
 
     if not len(middle) or not len(uv):

@@ -42,7 +42,7 @@ WITHIN = 12
 LEAST = 8
 """Distances by which the size of the smaller model is told."""
 
-SURE = 0.01
+LARGEST_SIZE_SIGMA = 0.01
 """Standard deviation of the smaller model's size, relative, up to which it is joined: a camera a quarter turn away from the
 common view is then off by about as much of the image's side, and features are looked for within twice that
 (`massprops.sfm.loops.GATES`). 0.0016 where five photographs of a rough head were joined by 17 distances."""
@@ -154,7 +154,7 @@ def link(larger: tuple[Views, SparsePoints], smaller: tuple[Views, SparsePoints]
     if not told or sum(len(z) for z, _ in told.values()) < LEAST:
         return None
     ratios = np.concatenate([np.log(theirs / ours) for theirs, ours in told.values()])
-    if mad_sigma(ratios - np.median(ratios)) > SURE * np.sqrt(len(ratios)):
+    if mad_sigma(ratios - np.median(ratios)) > LARGEST_SIZE_SIGMA * np.sqrt(len(ratios)):
         return None
     name = max(sorted(told), key=lambda n: len(told[n][0]))
     i, j = views.names.index(name), own.names.index(name)

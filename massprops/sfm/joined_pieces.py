@@ -202,7 +202,7 @@ def _joined(
         found = agreement(both.views, both.points, second, candidates, spread[k], rng)
         if (
             found is not None
-            and found.believed
+            and found.beyond_chance
             and is_significant(found, _wrong(laid, to, [*inside, k], look, spread[k], rng))
         ):
             to[k] = Similarity(found.scale, found.R, found.t).after(to[k])

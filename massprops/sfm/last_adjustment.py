@@ -69,7 +69,7 @@ class SfmResult:
         cameras: the one with most images first.
         warnings: one line each.
         against: the pairs of images whose matches contradict the model.
-        believed_from: where sides look alike, the matches that a pair of images needed to be believed; 0 elsewhere.
+        matches_required: where sides look alike, the matches that a pair of images needed to be believed; 0 elsewhere.
         masked: only features within the silhouettes were used.
         shutter: how the shutter reads an image's rows.
         seen: the model by which its motion is known, where it does so one after the other.
@@ -84,7 +84,7 @@ class SfmResult:
     cameras: tuple[SolvedCamera, ...]
     warnings: tuple[str, ...]
     against: Contradictions = Contradictions(0.0, ())
-    believed_from: int = 0
+    matches_required: int = 0
     masked: bool = False
     shutter: Shutter = Shutter("unknown")
     seen: Seen | None = None

@@ -144,7 +144,7 @@ def distances(model: pycolmap.Reconstruction, held: HeldOut) -> np.ndarray:
 
 
 def loss(distance: np.ndarray, scale: float) -> np.ndarray:
-    """Cauchy's loss [px^2]: a wrong match counts little however wrong it is."""
+    """Cauchy's loss [px^2] of distances (n,) [px]: a wrong match counts little however wrong it is."""
     return scale**2 * np.log1p((distance / scale) ** 2)
 
 

@@ -1,9 +1,9 @@
 """Where a small piece of surface is seen again, to a fraction of a pixel.
 
-The piece is a plane through a surface point; its picture in one view is warped into another by that plane, so that it
-may be followed through changes of direction that no descriptor bears, and through the whole footage. What is left is
-a shift in the second image (Lucas and Kanade 1981), found with gain and offset of brightness left free, and with
-bilateral weights in both images, since the edges of shadows stay with the Sun and not with the body.
+The piece is a plane through a surface point. Its picture in one view is warped into another by that plane, so that it may be
+followed through changes of direction that no descriptor bears, and through the whole footage. What is left is a shift in the second
+image (Lucas and Kanade 1981), with gain and offset of brightness left free. Pixels have bilateral weights in both images, since the
+edges of shadows stay with the Sun and not with the body.
 """
 
 from __future__ import annotations

@@ -91,7 +91,16 @@ class _Clues:
                 feature.append(own)
                 xyz.append(there)
         size = np.array([camera.width, camera.height])
-        return Photograph(K, distortion, size, uv, ray, unit(descriptors), np.concatenate(feature), np.concatenate(xyz))
+        return Photograph(
+            K=K,
+            distortion=distortion,
+            size=size,
+            uv=uv,
+            ray=ray,
+            unit=unit(descriptors),
+            feature=np.concatenate(feature),
+            xyz=np.concatenate(xyz),
+        )
 
     def _in_space(self, row: int, matches: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Features (c,) of an image that match a placed one, and where (c, 3): at its point, or as deep as those beside."""

@@ -255,11 +255,11 @@ class System:
         p, k, m = self._point, len(self._point), self._Vinv.shape[0] // 3
         track = sp.csr_matrix((np.ones(2 * k), (np.repeat(p, 2), np.arange(2 * k))), (m, 2 * k))
         S = (track @ sp.diags((r * weight[:, None]).ravel()) @ self._A).tocsr()
-        b = self.slopes_of_points(r, weight)
+        b = self.point_jacobian(r, weight)
         back = sp.bsr_matrix((b[:, None, :], np.arange(m), np.arange(m + 1)), (m, 3 * m))
         return S - back @ self._Vinv @ self._C.T
 
-    def slopes_of_points(self, r: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    def point_jacobian(self, r: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """(m, 3) slopes of half the weighed squares of residuals (k, 2) by each point."""
         out = np.zeros((self._Vinv.shape[0] // 3, 3))
         np.add.at(out, self._point, np.einsum("k,kia,ki->ka", weight, self.derivatives.point, r))

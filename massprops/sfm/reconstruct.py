@@ -71,7 +71,7 @@ def reconstruct(
         warnings += left_out(whole - model.num_reg_images())
     if not footage.moving_pictures and model.num_reg_images() < len(footage.frames):
         model = add_left_out_images(model, given)
-        if not (found.repeats or found.believed_from):
+        if not (found.repeats or found.matches_required):
             model = join_models(model, apart(model, found.models), given)
     sizes = tuple((m.num_reg_images(), m.num_points3D()) for m in (model, *apart(model, found.models)))
     mapped = pycolmap.Reconstruction(model)
@@ -81,5 +81,9 @@ def reconstruct(
     said = against.said({f.name: f.source_name for f in footage.frames})
     masked = found.mapping.masked
     return replace(
-        result, against=against, believed_from=found.believed_from, masked=masked, warnings=(*result.warnings, *said)
+        result,
+        against=against,
+        matches_required=found.matches_required,
+        masked=masked,
+        warnings=(*result.warnings, *said),
     )

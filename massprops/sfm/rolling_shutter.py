@@ -21,7 +21,7 @@ from massprops.sfm.lens import FEWEST, HeldOut, distances, hold_out, loss
 from massprops.sfm.points import residuals
 from massprops.sfm.precision import Adjusted, further_parameters
 from massprops.sfm.refine import RefineOptions, adjust, robust_loss
-from massprops.sfm.row_motion import Readout, Seen, motion_of, moved_on, roughness, row_shifts, row_slopes
+from massprops.sfm.row_motion import Readout, Seen, motion_of, moved_on, roughness, row_jacobian, row_shifts
 
 INFLATION = 2.5
 """As the focal length's: two bodies, filmed with readouts of 0 and of 44 % of a frame's time, came out 0.7 to 1.3 of the
@@ -244,7 +244,7 @@ def _steps(
         np.array([model.image(i).camera_id for i in seen.ids], int),
         settings.options.constant,
     )
-    columns = [row_slopes(seen.views, seen.points, seen.motion, r, seen.uv) for r in readouts]
+    columns = [row_jacobian(seen.views, seen.points, seen.motion, r, seen.uv) for r in readouts]
     return further_parameters(seen.views, seen.points, how, columns)
 
 

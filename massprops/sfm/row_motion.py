@@ -144,7 +144,7 @@ def row_shifts(views: Views, points: SparsePoints, motion: Motion, readout: Read
     return moved_on(views, motion, view, xyz, late) - moved_on(views, motion, view, xyz, 0.0 * late)
 
 
-def row_slopes(views: Views, points: SparsePoints, motion: Motion, readout: Readout, uv: np.ndarray) -> np.ndarray:
+def row_jacobian(views: Views, points: SparsePoints, motion: Motion, readout: Readout, uv: np.ndarray) -> np.ndarray:
     """(k, 2) derivative of `row_shifts` by the readout's duration [px per unit of time]."""
     step = 1e-3
     more, less = (

@@ -43,7 +43,9 @@ VIEWS = 16
 WIDEST = 60.0
 """Angle between two views of a piece [deg]."""
 FACING = 0.3
+"""Cosine of the angle between a surface's normal and the sight from which on it is followed."""
 CORRELATION = 0.8
+"""Of a patch with its home image, from which on it was found."""
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from massprops.documents.fields import no_key
+from massprops.documents.limits import excerpt
 from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.rotation import trajectory
 from massprops.dynamics.translation import path
@@ -45,14 +46,14 @@ def asked_for(
                 given = {k.strip(): float(v) for k, v in (part.split("=") for part in size.split(","))}
                 names = [q.name for q in known[name].PARAMETERS]
                 if set(given) - set(names):
-                    raise InputError(f"effect {text}: no such parameter; {name} has {', '.join(names)}")
+                    raise InputError(f"effect {excerpt(text)}: no such parameter; {name} has {', '.join(names)}")
                 sizes[name] = np.array([given.get(n, 0.0) for n in names])
             elif size:
                 moves[name] = float(size)
         except ValueError:
-            raise InputError(f"effect {text}: give NAME:PIXELS or NAME:parameter=value,...") from None
+            raise InputError(f"effect {excerpt(text)}: give NAME:PIXELS or NAME:parameter=value,...") from None
         if not 0 < moves[name] <= 1000:
-            raise InputError(f"effect {text}: give a number of pixels above 0 and at most 1000")
+            raise InputError(f"effect {excerpt(text)}: give a number of pixels above 0 and at most 1000")
     return sizes, moves
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from massprops.dynamics.quaternion import rotation_matrix
 from massprops.errors import InputError
+from massprops.geometry.projection import project
 from massprops.geometry.vectors import unit
 from massprops.simulation.scenario import Scenario
 
@@ -118,10 +119,9 @@ class Renderer:
         h, w = self.rays.shape[:2]
         if self.floor is not None:
             return slice(0, h), slice(0, w)
-        p = np.asarray(self.mesh.vertices) @ R.T + t
-        if (p[:, 2] <= 1e-6).any() or np.any(self.lens.distortion):
+        uv, depth = project(np.asarray(self.mesh.vertices), self.lens.K, R, t)
+        if (depth <= 1e-6).any() or np.any(self.lens.distortion):
             return slice(0, h), slice(0, w)
-        uv = p[:, :2] / p[:, 2:] @ self.lens.K[:2, :2].T + self.lens.K[:2, 2]
         low, high = np.floor(uv.min(0)) - 2, np.ceil(uv.max(0)) + 3
         c0, r0 = np.clip(low * SUPER, 0, [w, h]).astype(int)
         c1, r1 = np.clip(high * SUPER, 0, [w, h]).astype(int)
@@ -224,7 +224,7 @@ class Noise:
 
 
 def panel_lines(points: np.ndarray, spacing: float) -> np.ndarray:
-    """1 on dark lines of a grid in body axes, 0 elsewhere; lines are 4 % of the spacing wide."""
+    """(n,) of points (n, 3): 1 on dark lines of a grid in body axes, 0 elsewhere; lines are 4 % of the spacing wide."""
     if spacing <= 0:
         return np.zeros(len(points), np.float32)
     fraction = np.abs(points / spacing - np.round(points / spacing))

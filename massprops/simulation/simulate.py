@@ -114,7 +114,7 @@ def _scene(scenario: str | Path, changes: dict[str, Any]) -> _Scene:
     if active or model_file is not None:
         path, model = _under_effects(chosen, path, active, model_file, length)
     read = [Path(p) for p in (scenario, chosen.mesh, model_file) if p is not None]
-    return _Scene(chosen, active, read, mesh, body, length, path, model)
+    return _Scene(chosen=chosen, active=active, read=read, mesh=mesh, body=body, length=length, path=path, model=model)
 
 
 def _render(scene: _Scene, folder: Path, video: bool, progress: Progress) -> None:

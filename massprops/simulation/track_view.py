@@ -39,7 +39,7 @@ def blank_problem(
     cameras: dict[int, Camera] | None = None,
     environment: Environment | None = None,
 ) -> Problem:
-    """A problem of the scenario's shape without measurements."""
+    """A problem of the scenario's shape at times (n,) [s] without measurements."""
     cameras = cameras_of(s) if cameras is None else cameras
     pinholes = tuple(pinhole_of(cameras[k], cameras[0]) for k in cameras)
     uv = np.full((len(times), len(cameras), s.features, 2), np.nan)

@@ -104,7 +104,8 @@ def simulate_tracks(scenario: TrackScenario, outside: tuple[ModuleType, ...] = (
     seen = visible(s, problem, acted)
     exact = pixels(problem, acted, seen)
     sequence = _measure(s, problem, cameras, acted, seen, exact, given_environment, inertia)
-    moved = {"rms": float(np.sqrt(np.mean(np.sum((exact - pixels(problem, clean, seen)) ** 2, axis=1))))}
+    square = np.sum((exact - pixels(problem, clean, seen)) ** 2, axis=1)
+    moved = {"rms": float(np.sqrt(square.mean())) if len(square) else float("nan")}
     return Simulated(sequence, _truth(s, times, acted, whole, model), model, whole, moved)
 
 

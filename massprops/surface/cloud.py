@@ -120,7 +120,7 @@ def without_outliers(cloud: Cloud) -> Cloud:
 
 
 def agreeing(cloud: Cloud) -> np.ndarray:
-    """Indices of points that do not stand alone: not too far from their 8th neighbour, nor off every neighbour's plane."""
+    """Indices (k,) of points that do not stand alone: not too far from their 8th neighbour, nor off every neighbour's plane."""
     from scipy.spatial import cKDTree
 
     near, index = cKDTree(cloud.xyz).query(cloud.xyz, k=9)

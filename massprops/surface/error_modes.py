@@ -41,6 +41,7 @@ SAMPLES = 2000
 REACH = 0.15
 """Width of the bumps and distance between them, over the body's length."""
 MOST_BUMPS = 60
+"""Bumps on one surface."""
 
 
 def measured_modes(

@@ -67,27 +67,27 @@ class Cut:
 
 
 @dataclass(frozen=True)
-class Ways:
+class FillCentres:
     """Centres of mass (k, 3) of a cut by `SHARES`, and the covariance (3, 3) of what its fill may be off by besides."""
 
     centres: np.ndarray
     spread: np.ndarray
 
 
-def ways_of(cut: Cut) -> Ways:
+def fill_centres(cut: Cut) -> FillCentres:
     """The ways of filling in that one cut leaves."""
     centres = np.array([centre_of(cut.at(float(share)), cut.faces) for share in SHARES])
     whole, seen = cut.at(float(np.median(SHARES))), cut.measured[cut.faces].all(axis=1)
     if not seen.any():
-        return Ways(centres, np.zeros((3, 3)))
+        return FillCentres(centres, np.zeros((3, 3)))
     # the first mode is common to all of the fill, as the share is
     modes = fill_modes(whole, cut.faces, seen, float(np.linalg.norm(np.ptp(whole, axis=0))))[1:]
     by_volume, by_first = np.split(modes @ offset_response(whole, cut.faces)[:, :4], [1], axis=1)
     moved = (by_first - by_volume * centre_of(whole, cut.faces)) / mesh_integrals(whole, cut.faces)[0]
-    return Ways(centres, moved.T @ moved)
+    return FillCentres(centres, moved.T @ moved)
 
 
-def log_evidence(ways: Ways, balance: Balance, shift: np.ndarray | float = 0.0) -> np.ndarray:
+def log_evidence(ways: FillCentres, balance: Balance, shift: np.ndarray | float = 0.0) -> np.ndarray:
     """(k, 4) log density of the centre that the motion shows, by the share of the way to the membrane and by how much of what is stated
     (`FACTORS`) the fill is off from place to place.
 
@@ -119,7 +119,7 @@ class LikelyFill:
 
 
 def balanced(
-    ways: Mapping[Pull, Ways], usual: float, balance: Balance, shift: np.ndarray | float = 0.0
+    ways: Mapping[Pull, FillCentres], usual: float, balance: Balance, shift: np.ndarray | float = 0.0
 ) -> list[LikelyFill]:
     """The pulls under which the centre may lie where the motion shows it, the likeliest first.
 

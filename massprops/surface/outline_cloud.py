@@ -15,7 +15,7 @@ from massprops.surface.level_set import level_set
 from massprops.surface.reconstruct import Surface, on_support
 from massprops.surface.refine import vertex_normals
 from massprops.surface.silhouette import Hull, make_hull
-from massprops.views import Views
+from massprops.views import AMBIGUOUS, Views
 
 WRONG = 0.25
 """Largest share of the views that may be wrong about a place without making it empty: of a body under one light, each part
@@ -73,7 +73,7 @@ def with_margins(views: Views, masks: list[np.ndarray]) -> tuple[Views, list[np.
     out = []
     for mask, m in zip(masks, wide, strict=True):
         edge = np.concatenate([mask[0], mask[-1], mask[:, 0], mask[:, -1]])
-        out.append(np.pad(mask, m, constant_values=0 if (edge == 0).all() and (mask == 255).any() else 128))
+        out.append(np.pad(mask, m, constant_values=0 if (edge == 0).all() and (mask == 255).any() else AMBIGUOUS))
     return replace(views, K=K, size=views.size + 2 * np.array(wide)[:, None]), out
 
 

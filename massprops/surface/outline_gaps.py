@@ -30,7 +30,7 @@ MUTUAL = 2.0
 """By how much nearer to an outline another place of the other one may be [px], for both to be outlines of one place."""
 BULK, BULK_MEAN = 0.8, 0.5586
 """Share of deviations that are averaged, the smallest, and what their mean is for a normal distribution of 1-sigma 1."""
-SURE = 1.0
+LARGEST_MARGIN = 1.0
 """Part of an offset that may be a wider margin, by other images or other light [px]."""
 NEIGHBOURS, FEWEST = 60, 15
 """Places on outlines that say where a face should be, and how many of them it takes."""
@@ -98,7 +98,9 @@ def outline_gaps(
 
 def _beyond_margin(gap: np.ndarray) -> np.ndarray:
     """What of gaps is beyond the silhouettes' margin [px]; exact silhouettes have none."""
-    return np.where(gap > SILHOUETTE_MARGIN + SURE, gap - SILHOUETTE_MARGIN, np.where(gap < -SURE, gap, 0.0))
+    return np.where(
+        gap > SILHOUETTE_MARGIN + LARGEST_MARGIN, gap - SILHOUETTE_MARGIN, np.where(gap < -LARGEST_MARGIN, gap, 0.0)
+    )
 
 
 def _spread(apart: np.ndarray) -> float:

@@ -2,12 +2,12 @@
 
 Stereo matches windows as planes, or bent as a noisy depth map bends. On plain convex sides that leaves the surface too deep in all
 views alike: small windows that bend as the mesh does agree at the true place, there too, but each by itself says next to nothing.
-So at places spread over the surface the agreement of the images is found as a function of how far a small window is moved along the
-normal (mean normalised cross-correlation of all pairs of images), these curves are averaged over the surface about, and the surface
+So at places spread over the surface a small window is moved along the normal. How well the images agree there (mean normalised
+cross-correlation of all pairs) is a curve over the distance moved. These curves are averaged over the surface about, and the surface
 goes to their maxima (Vu, Labatut, Pons, Keriven 2012 descend the same measure).
 
 How much of a move is noise shows in the images: each half of the images about a place gives its own, and what the halves have in
-common is the share that is believed (Spearman 1910; Brown 1910).
+common is the share that counts (Spearman 1910; Brown 1910).
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ MOST_AVERAGED = 256
 """Places that are averaged, at most."""
 COMMON = 2.0
 """How much wider the surface is over which the halves are compared."""
-SURE, STAY = 0.3, 0.05
+OWN_WEIGHT, STAY_WEIGHT = 0.3, 0.05
 """What a place's own move counts, and all vertices' staying over the places among them, over the difference from the mean of the neighbours.
 Where every tenth vertex is one a move fades in seven edges."""
 HELD = 1e6
@@ -363,8 +363,8 @@ def _over_all(
     from scipy.sparse.linalg import spsolve
 
     size = len(vertices)
-    weight, right = np.full(size, STAY * len(place) / size), np.zeros(size)
-    weight[place], right[place] = SURE, SURE * offset
+    weight, right = np.full(size, STAY_WEIGHT * len(place) / size), np.zeros(size)
+    weight[place], right[place] = OWN_WEIGHT, OWN_WEIGHT * offset
     weight[held], right[held] = HELD, 0.0
     return np.asarray(spsolve((identity(size) - mean_matrix(faces, size) + diags(weight)).tocsc(), right))
 

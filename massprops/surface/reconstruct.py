@@ -30,7 +30,7 @@ from massprops.geometry.vectors import sphere
 from massprops.mass.integrals import mesh_integrals
 from massprops.surface.cloud import Cloud, Thinned, thin, without_outliers
 from massprops.surface.cut import Costs, manifold, minimum_cut, surface_faces
-from massprops.surface.fill_by_motion import Balance, Cut, Pull, balanced, centre_of, tells, ways_of
+from massprops.surface.fill_by_motion import Balance, Cut, Pull, balanced, centre_of, fill_centres, tells
 from massprops.surface.flat_sides import FlatSide, enclosed, flat_sides, in_front
 from massprops.surface.join import joined
 from massprops.surface.outline_fill import filling_outlines
@@ -178,7 +178,18 @@ def reconstruct_surface(
     first = fill if isinstance(fill, Fill) else FILLED
     sides = flat_sides(thinned, hull, views, seed) if first.straight and moving and masks and support is None else []
     sides = sides if any(side.goes_on.any() for side in sides) else []
-    given = _Given(thinned, hull, views, masks, cloud, moving, seed, beside, Pull(first.pull, bool(sides)), sides)
+    given = _Given(
+        thinned=thinned,
+        hull=hull,
+        views=views,
+        masks=masks,
+        cloud=cloud,
+        moving=moving,
+        seed=seed,
+        beside=beside,
+        pull=Pull(first.pull, bool(sides)),
+        sides=sides,
+    )
     progress(2, 5, "first cut")
     pulls = (given.pull, Pull(FILL)) if sides else (given.pull, *(p for p in PULLS if p != given.pull))
     meshes = _meshes(given, pulls)
@@ -211,7 +222,7 @@ def _balanced(given: _Given, mesh: Mesh, others: Iterator[tuple[Pull, Mesh]], ba
         return _finished(given, mesh, usual)
     for pull, other in others:
         meshes[pull], cuts[pull] = other, cut_of(other, pull)
-    ways = {pull: ways_of(cut) for pull, cut in cuts.items()}
+    ways = {pull: fill_centres(cut) for pull, cut in cuts.items()}
     likely, tried = balanced(ways, HOLLOW, balance), set[Fill]()
     # taking the noise out of measured sides moves the centre, too, much alike for all ways of filling in
     while (fill := Fill(likely[0].pull.strength, likely[0].membrane, likely[0].pull.straight)) not in tried and len(

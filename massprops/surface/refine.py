@@ -25,7 +25,7 @@ def _area_vectors(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def edge_length(vertices: np.ndarray, faces: np.ndarray) -> float:
-    """Median length of the triangles' first edges."""
+    """Median length of the first edges of triangles, vertices (v, 3) and faces (f, 3)."""
     return float(np.median(np.linalg.norm(vertices[faces[:, 1]] - vertices[faces[:, 0]], axis=1)))
 
 
@@ -175,7 +175,7 @@ def _cotangents(vertices: np.ndarray, faces: np.ndarray) -> csr_matrix:
 
 
 def fair(vertices: np.ndarray, faces: np.ndarray, fixed: np.ndarray, steps: int) -> np.ndarray:
-    """Taubin's smoothing (1995) of the vertices that are not fixed: roughness goes, volume stays."""
+    """Taubin's smoothing (1995) of the vertices (v, 3) that are not fixed (v,): roughness goes, volume stays."""
     mean = mean_matrix(faces, len(vertices))
     out = vertices.copy()
     for _ in range(steps):

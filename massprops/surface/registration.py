@@ -51,7 +51,7 @@ PAINTED, FINE, COARSE = 6000, 4, 150
 the same. Fine paint tells more: on a rendered tin turned over, the right answer's correlation stood 0.9 standard
 deviations of the wrong ones above the best of 60 wrong answers with 8 and 200 of 6000 points, 5.6 with 4 and 200 of
 30 000, 12 with 2 and 100."""
-COLOUR, SURE = 0.1, 2.0
+COLOUR, AHEAD_SIGMAS = 0.1, 2.0
 """Least correlation of the paint that decides, and by how many standard deviations of wrong answers it must exceed any
 other answer's."""
 COMMON = 0.1
@@ -132,7 +132,17 @@ def placed(
     own = extent(hull, shape)
     rng = np.random.default_rng([seed, 32])
     rims, every = (rim_rays(views, masks, own, RIMS, rng, touches) for touches in (TOUCHES, MOST))
-    return Placed(cloud, colour, own, rims, middle, shape, hull.pixel, every.rim_error(own), support=support)
+    return Placed(
+        cloud=cloud,
+        colour=colour,
+        extent=own,
+        rims=rims,
+        middle=middle,
+        shape=shape,
+        pixel=hull.pixel,
+        rim_error=every.rim_error(own),
+        support=support,
+    )
 
 
 def with_silhouettes(side: Placed, views: Views, masks: list[np.ndarray], seed: int = 0) -> Placed:
@@ -176,7 +186,7 @@ class Registration:
     @property
     def painted(self) -> bool:
         """Whether the paint says that it is this one and no other."""
-        return self.colour > max(COLOUR, self.rival_colour + SURE * self.colour_noise)
+        return self.colour > max(COLOUR, self.rival_colour + AHEAD_SIGMAS * self.colour_noise)
 
     @property
     def fits(self) -> bool:
@@ -190,7 +200,7 @@ class Registration:
         Shape decides against the paint only where it is much clearer, and by more than the silhouettes are wrong.
         """
         against = self.rival_colour - self.colour
-        by_shape = any(self._alone(n) and against < n * SURE * self.colour_noise for n in (1, 2))
+        by_shape = any(self._alone(n) and against < n * AHEAD_SIGMAS * self.colour_noise for n in (1, 2))
         return self.fits and (self.painted or by_shape)
 
     def is_clearly_not(self, R: np.ndarray) -> bool:
@@ -204,7 +214,7 @@ class Registration:
         Of a body of one colour what looks like paint is its relief, which the lamp shows otherwise once the body is turned: what
         was light may be dark then (a plain rock turned over had -0.27, nine times the noise), as paint cannot be.
         """
-        return self.fits and self._alone(2) and max(self.colour, self.rival_colour) < SURE * self.colour_noise
+        return self.fits and self._alone(2) and max(self.colour, self.rival_colour) < AHEAD_SIGMAS * self.colour_noise
 
     def _alone(self, times: float) -> bool:
         """Whether every other answer is as many times worse, silhouettes' own errors counted."""
@@ -257,18 +267,18 @@ def _registration(both: _Pair, answers: list[_Answer]) -> Registration:
     alike = [a for a in others if a in same]
     rivals = [a.outside for a in others if a not in alike]
     return Registration(
-        best.R,
-        best.t,
-        best.outside,
-        min(rivals, default=np.inf),
-        best.colour,
-        max((a.colour for a in others if a.outside < LARGEST_PAINTED), default=min(best.colour, 0.0)),
-        noise,
-        both.covariance(best),
-        any(a.outside < worse(best.outside) for a in alike),
-        0.5 * (first.rim_error + second.rim_error),
-        _candidates(best, answers),
-        _turned(both, best, answers),
+        R=best.R,
+        t=best.t,
+        outside_px=best.outside,
+        rival_px=min(rivals, default=np.inf),
+        colour=best.colour,
+        rival_colour=max((a.colour for a in others if a.outside < LARGEST_PAINTED), default=min(best.colour, 0.0)),
+        colour_noise=noise,
+        covariance=both.covariance(best),
+        symmetric=any(a.outside < worse(best.outside) for a in alike),
+        own_px=0.5 * (first.rim_error + second.rim_error),
+        candidates=_candidates(best, answers),
+        turned=_turned(both, best, answers),
     )
 
 
@@ -344,7 +354,7 @@ def drawn_again(found: Registration, fits: Sequence[tuple[Placed, Placed, np.nda
 
 
 def next_answer(found: Registration) -> tuple[np.ndarray, np.ndarray] | None:
-    """The best of the answers, R and t, that turn the body otherwise; None where none was kept."""
+    """The best of the answers, R (3, 3) and t (3,), that turn the body otherwise; None where none was kept."""
     others = (a for a in found.candidates if vectors.turn_deg(a[0], found.R) > APART_DEG)
     return next(others, None)
 
@@ -408,7 +418,7 @@ def _chosen(answers: list[_Answer]) -> _Answer:
         best = max(near, key=lambda a: a.colour)
         others = [a for a in answers if a.away(best) > APART_DEG]
         rival = max((a.colour for a in others if a.outside < LARGEST_PAINTED), default=0.0)
-        if best.colour > max(COLOUR, rival + SURE * _noise(others)):
+        if best.colour > max(COLOUR, rival + AHEAD_SIGMAS * _noise(others)):
             return _most_alike([a for a in near if a.away(best) <= APART_DEG])
     return _most_alike(answers)
 
@@ -514,7 +524,7 @@ class _Pair:
         self.same: dict[tuple[bytes, ...], bool] = {}
 
     def answers(self) -> list[_Answer]:
-        """Ways of laying the second placement onto the first, in the order of their silhouettes."""
+        """FillCentres of laying the second placement onto the first, in the order of their silhouettes."""
         from scipy.spatial.transform import Rotation
 
         few = self.outlines.some(FEW, self.rng)

@@ -133,7 +133,16 @@ def with_brightness(
         return surface
     none = np.zeros(len(found.faces), bool)
     cloud = outline_cloud(found.vertices, found.faces, views.centres, 0.2 * step)
-    return Surface(found.vertices, found.faces, none, none, surface.hull, cloud, step, found.slope)
+    return Surface(
+        vertices=found.vertices,
+        faces=found.faces,
+        observed=none,
+        inferred=none,
+        hull=surface.hull,
+        cloud=cloud,
+        spacing=step,
+        slope=found.slope,
+    )
 
 
 def shaded(

@@ -62,6 +62,7 @@ FOOT_PIXELS = 4.2
 straight down. Of a bottle, a box, a shoe, a chair and a figure (Blender) such an end was -0.5, +2.0, +0.9, -0.2 and +2.2 px off, of a jug
 with a rounded foot +7.9 and +11.1 px, drawn twice: 4.2 in the root mean square of the six."""
 PATCHES = 400
+"""Patches into which the measured surface is cut at most."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,7 @@ class Joint:
 
 
 @dataclass(frozen=True)
-class Doubts:
+class ErrorSources:
     """What is uncertain beside the surface's own points.
 
     Attributes:
@@ -107,7 +108,7 @@ class Doubts:
 def replicates(
     surface: Surface,
     views: int,
-    doubts: Doubts,
+    besides: ErrorSources,
     count: int = 1000,
     blocks: int = 12,
     seed: int = 0,
@@ -117,7 +118,7 @@ def replicates(
     Args:
         surface: the estimate, with its cloud and hull.
         views: number of views the cloud's lists refer to.
-        doubts: what else is uncertain.
+        besides: what else is uncertain.
         count: replicates.
         blocks: blocks of neighbouring views that are drawn together.
         seed: of the draws.
@@ -138,10 +139,10 @@ def replicates(
 
     middle, window = mesh[0][mesh[1]].mean(axis=1), max(2 * surface.spacing, WINDOW * pixel)
     scatter = face_scatter(middle, surface.observed, surface.cloud, window, rng)
-    drift = doubts.gaps.drift * pixel if doubts.gaps else 0.0
+    drift = besides.gaps.drift * pixel if besides.gaps else 0.0
     add(rng.standard_normal((count, 1)), _common(surface, scatter)[None])
-    if doubts.gaps:
-        add(_of_outlines(count, rng, doubts.never_lit), doubts.gaps.offset[None] * pixel)
+    if besides.gaps:
+        add(_of_outlines(count, rng, besides.never_lit), besides.gaps.offset[None] * pixel)
     offset = _bootstrap(surface, patch, views, count, blocks, rng)
     rows += offset @ _by_patch(response, patch, offset.shape[1])
     for e in (0, 1):
@@ -151,14 +152,14 @@ def replicates(
     by_side = np.hypot(np.maximum(SIDE_PIXELS * pixel, scatter), drift)
     of_measured = measured_modes(*mesh, surface.observed, ends.length, by_side)
     add(rng.standard_normal((count, len(of_measured))), of_measured)
-    of_fill = _of_fill(surface, doubts, ends.length)
-    add(_fill_draws(surface, doubts, (count, len(of_fill)), rng), of_fill)
+    of_fill = _of_fill(surface, besides, ends.length)
+    add(_fill_draws(surface, besides, (count, len(of_fill)), rng), of_fill)
 
-    for joint in doubts.joints:
+    for joint in besides.joints:
         add(joint.drawn(count, rng), _carried(surface, joint))
 
-    lengths += _of_ends(surface, ends, count, rng, doubts.never_lit)
-    size = np.hypot(doubts.focal, drift / float(np.sqrt(mesh[0].var(axis=0).sum())))
+    lengths += _of_ends(surface, ends, count, rng, besides.never_lit)
+    size = np.hypot(besides.focal, drift / float(np.sqrt(mesh[0].var(axis=0).sum())))
     strain = _strains(size, count, rng)
     lengths *= 1 + np.einsum("rij,i,j->r", strain, ends.direction, ends.direction)
     return deform(rows, strain), np.maximum(lengths, 0.1 * ends.length)
@@ -221,15 +222,15 @@ def _common(surface: Surface, scatter: np.ndarray) -> np.ndarray:
     return np.where(shown, np.maximum(BIAS_PIXELS * surface.hull.pixel, scatter), 0.0)
 
 
-def _outlined(surface: Surface, doubts: Doubts, length: float) -> np.ndarray | None:
+def _outlined(surface: Surface, besides: ErrorSources, length: float) -> np.ndarray | None:
     """(f,) distance from where outlines show the mesh, which they do to the margin of a silhouette: fill of still objects that was
     brought out to them was 1.1, 0.7, -0.3 and -0.7 px off in the middle on four rendered things. None of a free body that stereo
     measured; length: of the body."""
-    if doubts.never_lit and surface.observed.any():
+    if besides.never_lit and surface.observed.any():
         return None
-    if doubts.gaps is None:
+    if besides.gaps is None:
         return np.full(len(surface.faces), np.inf) if surface.observed.any() else None
-    away = doubts.gaps.distance
+    away = besides.gaps.distance
     if surface.observed.any():
         away = np.where(away <= REACH * length, away, np.inf)
     else:
@@ -237,13 +238,15 @@ def _outlined(surface: Surface, doubts: Doubts, length: float) -> np.ndarray | N
     return np.asarray(away + SILHOUETTE_MARGIN * surface.hull.pixel / COMMON)
 
 
-def _of_fill(surface: Surface, doubts: Doubts, length: float) -> np.ndarray:
+def _of_fill(surface: Surface, besides: ErrorSources, length: float) -> np.ndarray:
     """(m, f) `fill_modes` of the surface; length: of the body."""
-    mesh, outlined = (surface.vertices, surface.faces), _outlined(surface, doubts, length)
+    mesh, outlined = (surface.vertices, surface.faces), _outlined(surface, besides, length)
     return fill_modes(*mesh, surface.observed, length, surface.inferred, outlined, surface.slope)
 
 
-def _fill_draws(surface: Surface, doubts: Doubts, shape: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
+def _fill_draws(
+    surface: Surface, besides: ErrorSources, shape: tuple[int, int], rng: np.random.Generator
+) -> np.ndarray:
     """(count, modes) of how far a fill is off, in sigmas of its modes, of which the first is common to all."""
     drawn = rng.standard_normal(shape)
     if not shape[1]:
@@ -254,8 +257,8 @@ def _fill_draws(surface: Surface, doubts: Doubts, shape: tuple[int, int], rng: n
         # a hull holds its body: what it hides is inward
         drawn[:, 0] = -np.abs(drawn[:, 0])
         drawn[:, 1:] *= 0.5
-    elif doubts.never_lit:
-        drawn[:, 0] = ((0.0 if doubts.balanced else DARK_MEAN) + DARK_SIGMA * drawn[:, 0]) / COMMON
+    elif besides.never_lit:
+        drawn[:, 0] = ((0.0 if besides.balanced else DARK_MEAN) + DARK_SIGMA * drawn[:, 0]) / COMMON
     return drawn
 
 

@@ -160,7 +160,17 @@ class _Painted:
             return None
         alike = np.zeros(len(self.pick), bool)
         alike[good] = same
-        return Symmetry(fold, number, R, t, float(good.mean()), float(same.mean()), chance, self.pick, alike)
+        return Symmetry(
+            fold=fold,
+            axis=number,
+            R=R,
+            t=t,
+            shape=float(good.mean()),
+            paint=float(same.mean()),
+            chance=chance,
+            points=self.pick,
+            alike=alike,
+        )
 
     def same(self, one: np.ndarray, other: np.ndarray, patch: np.ndarray) -> np.ndarray:
         """(m,) bool: the paints (m, 3) are the same in the patch (m,) of a point."""

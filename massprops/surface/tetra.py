@@ -61,7 +61,7 @@ class Tetrahedra:
 
 
 def tetrahedralise(points: np.ndarray) -> Tetrahedra:
-    """Delaunay tetrahedra; raises `scipy.spatial.QhullError` for flat clouds."""
+    """Delaunay tetrahedra of points (n, 3); raises `scipy.spatial.QhullError` for flat clouds."""
     from scipy.spatial import Delaunay
 
     found = Delaunay(points)

@@ -17,7 +17,7 @@ import numpy as np
 
 from massprops.core.robust import mad_sigma
 from massprops.surface.cloud import Cloud
-from massprops.views import Views, entries
+from massprops.views import AMBIGUOUS, Views, entries
 
 ROUNDED = 0.75
 """Share of chords that must look rounded: half of them are, when of flat ones chance makes half look so."""
@@ -76,7 +76,7 @@ def spare_behind_light(views: Views, masks: list[np.ndarray], grey: list[np.ndar
             return masks
         for i in own:
             behind = _behind_any(masks[i] == 255, towards)
-            out[i] = np.where((masks[i] == 0) & behind, np.uint8(128), masks[i])
+            out[i] = np.where((masks[i] == 0) & behind, np.uint8(AMBIGUOUS), masks[i])
     return out
 
 
@@ -212,7 +212,7 @@ def _spare(mask: np.ndarray, towards: np.ndarray, ratio: float) -> np.ndarray:
         whole = whole | gap
     unlit = np.uint8((whole | behind) & ~lit)
     back = cv2.warpAffine(unlit, move, mask.shape[::-1], flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP) > 0
-    return np.where((mask == 0) & back, np.uint8(128), mask)
+    return np.where((mask == 0) & back, np.uint8(AMBIGUOUS), mask)
 
 
 def _behind(lit: np.ndarray, ratio: float) -> tuple[np.ndarray, np.ndarray]:

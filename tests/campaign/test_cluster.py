@@ -158,6 +158,7 @@ def test_the_same_table_from_a_cluster_of_which_half_dies(tmp_path: Path, cluste
         assert (out / name).read_bytes() == (tmp_path / "local" / name).read_bytes()
 
 
+@pytest.mark.bench
 def test_single_runs_through_a_scheduler_cost_less_than_5_ms(tmp_path: Path, cluster: Cluster) -> None:
     """Chunks of one run that does next to nothing; processor time of client, scheduler, worker and the run's process."""
     cluster.add_worker()

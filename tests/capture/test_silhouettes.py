@@ -12,8 +12,9 @@ from massprops.capture.colours import agrees, learn
 from massprops.capture.given import GivenMasks, load_mask
 from massprops.capture.motion import judge
 from massprops.capture.silhouette import against_background, against_plain, against_sky, main_object, sky_level
-from massprops.capture.unknown_pixels import UNKNOWN, predicted_silhouette, with_unknown
+from massprops.capture.unknown_pixels import predicted_silhouette, with_unknown
 from massprops.errors import InputError
+from massprops.views import AMBIGUOUS
 
 
 def disc(shape: tuple[int, int], x: float, y: float, r: float) -> np.ndarray:
@@ -94,7 +95,7 @@ def test_an_unlit_side_is_doubt_not_emptiness() -> None:
     uv = rng.uniform([40, 30], [100, 90], (900, 2))
     uv = uv[np.hypot(uv[:, 0] - 70, uv[:, 1] - 60) < 30]
     mask = with_unknown(lit, predicted_silhouette(uv, (120, 160)))
-    assert mask[60, 85] == UNKNOWN and mask[60, 60] == 255 and mask[10, 10] == 0
+    assert mask[60, 85] == AMBIGUOUS and mask[60, 60] == 255 and mask[10, 10] == 0
     assert (mask[disc((120, 160), 70, 60, 27)] > 0).all(), "no pixel of the body may carve"
 
 

@@ -110,6 +110,13 @@ def test_every_import_leads_down(graph: dict[str, set[str]]) -> None:
     assert upward(graph) == []
 
 
+def test_the_documentation_shows_the_same_layers() -> None:
+    text = (ROOT / "docs" / "architecture.md").read_text()
+    picture = next(block for block in text.split("```") if block.strip().startswith("cli > "))
+    shown = [set(layer.replace(",", " ").split()) for layer in picture.split(">")]
+    assert shown == [set(layer) for layer in LAYERS if layer != ("massprops",)]
+
+
 @pytest.mark.parametrize(
     ("module", "other", "bad"),
     [

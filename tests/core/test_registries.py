@@ -79,7 +79,8 @@ def test_every_file_of_a_catalogue_is_in_it() -> None:
     assert {m.__name__.rpartition(".")[2] for m in formats().values()} == set(names("exchange/formats"))
     assert set(ORDER) == set(names("run/stages")) and set(ALWAYS) | set(EXTRA) <= set(ORDER)
     assert set(kinds()) == set(names("campaigns/kinds"))
-    assert set(sources()) | {"base"} == set(names("sfm/scale"))
+    assert set(sources()) == set(names("sfm/scale"))
+    assert set(papers()) == set(names("campaigns/papers"))
 
 
 def test_a_stage_reads_only_what_ran_before_it() -> None:

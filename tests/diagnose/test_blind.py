@@ -33,7 +33,7 @@ def test_one_hidden_effect_is_named_or_the_base_model_suffices(tmp_path: Path, s
         assert result["listed"], result
         assert result["after"] < 1.15
     else:
-        assert document["verdict"] in ("none", "named", "ambiguous")
+        assert result["listed"] or document["verdict"] == "none", result
 
 
 @pytest.mark.parametrize("seed", [21, 22])

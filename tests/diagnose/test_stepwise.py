@@ -9,7 +9,7 @@ import pytest
 
 from massprops.diagnosis.search.assumed import contradicts
 from massprops.diagnosis.search.case import Case, case_of
-from massprops.diagnosis.search.refit import Added, Scored, refit, with_effects
+from massprops.diagnosis.search.refit import Added, FittedModel, refit, with_effects
 from massprops.diagnosis.search.stepwise import stepwise
 from massprops.effects import effects
 from massprops.model import model_of
@@ -20,13 +20,13 @@ from massprops.simulation.tracks import simulate_tracks
 QUIET = lambda what, done, total: None  # noqa: E731
 
 
-def fitted(case: Case, base: Scored, *names: str) -> Scored:
+def fitted(case: Case, base: FittedModel, *names: str) -> FittedModel:
     added = tuple(Added(effects()[n]) for n in names)
     return refit(case, with_effects(base.fit.state, added, {}), added)
 
 
 @pytest.fixture(scope="module")
-def damped_magnet() -> tuple[Case, Scored]:
+def damped_magnet() -> tuple[Case, FittedModel]:
     scenario = TrackScenario(
         frames=160, features=10, seed=7, rate_deg=4.0, effects=("viscous-damping:12", "magnetic-dipole-torque:6")
     )
@@ -34,7 +34,7 @@ def damped_magnet() -> tuple[Case, Scored]:
     return case, refit(case, case.first.state, (), most=40)
 
 
-def test_an_effect_chosen_in_place_of_two_gives_way(damped_magnet: tuple[Case, Scored]) -> None:
+def test_an_effect_chosen_in_place_of_two_gives_way(damped_magnet: tuple[Case, FittedModel]) -> None:
     case, base = damped_magnet
     names = ("viscous-damping", "magnetic-dipole-torque", "constant-body-torque", "chaser-rotation-drift")
     wrong = fitted(case, base, "chaser-rotation-drift", "viscous-damping")
@@ -45,14 +45,14 @@ def test_an_effect_chosen_in_place_of_two_gives_way(damped_magnet: tuple[Case, S
     assert best.bic < wrong.bic - 100
 
 
-def test_nothing_is_added_beside_what_is_enough(damped_magnet: tuple[Case, Scored]) -> None:
+def test_nothing_is_added_beside_what_is_enough(damped_magnet: tuple[Case, FittedModel]) -> None:
     case, base = damped_magnet
     right = fitted(case, base, "viscous-damping", "magnetic-dipole-torque")
     steps = stepwise(case, right, [e for e in effects().values() if getattr(e, "SEARCHED", True)][:3], QUIET)
     assert set(min(steps, key=lambda s: s.bic).names) == set(right.names)
 
 
-def test_an_idle_effect_goes_where_nothing_is_added(damped_magnet: tuple[Case, Scored]) -> None:
+def test_an_idle_effect_goes_where_nothing_is_added(damped_magnet: tuple[Case, FittedModel]) -> None:
     case, base = damped_magnet
     right = fitted(case, base, "viscous-damping", "magnetic-dipole-torque")
     idle = fitted(case, right, "viscous-damping", "magnetic-dipole-torque", "range-bias")
@@ -60,7 +60,7 @@ def test_an_idle_effect_goes_where_nothing_is_added(damped_magnet: tuple[Case, S
     assert set(stepwise(case, idle, [], QUIET)[-1].names) == set(right.names)
 
 
-def test_an_inertia_off_by_more_than_chance_contradicts(damped_magnet: tuple[Case, Scored]) -> None:
+def test_an_inertia_off_by_more_than_chance_contradicts(damped_magnet: tuple[Case, FittedModel]) -> None:
     case, base = damped_magnet
     right = fitted(case, base, "viscous-damping", "magnetic-dipole-torque")
     assert case.inertia_prior.inertia is not None
@@ -70,7 +70,7 @@ def test_an_inertia_off_by_more_than_chance_contradicts(damped_magnet: tuple[Cas
         assert contradicts(replace(case, inertia_prior=replace(case.inertia_prior, inertia=assumed)), right) == wrong
 
 
-def test_effects_act_in_the_order_in_which_a_model_file_is_read(damped_magnet: tuple[Case, Scored]) -> None:
+def test_effects_act_in_the_order_in_which_a_model_file_is_read(damped_magnet: tuple[Case, FittedModel]) -> None:
     _, base = damped_magnet
     for names in (("lens-distortion", "focal-length-error"), ("focal-length-error", "lens-distortion")):
         state = with_effects(base.fit.state, tuple(Added(effects()[n]) for n in names), {})

@@ -18,7 +18,7 @@ from massprops.diagnosis.evidence import Block, solve
 from massprops.diagnosis.held_out import held_out_rms
 from massprops.diagnosis.hypothesis import Hypothesis
 from massprops.diagnosis.hypothesis_fit import fit_hypothesis
-from massprops.diagnosis.momentum_balance import inertia_of, inertia_slopes, shape_of
+from massprops.diagnosis.momentum_balance import inertia_jacobian, inertia_of, shape_of
 from massprops.diagnosis.motion_path import path_from_rates
 from massprops.diagnosis.record import record_of_rates
 from massprops.diagnosis.scanned_values import at_likely_scale
@@ -65,7 +65,7 @@ def test_the_shape_of_an_inertia_goes_back_and_forth_and_has_its_derivatives() -
     shape = np.array([0.3, -0.7, 0.2, 0.5, -0.1])
     assert np.trace(inertia_of(shape)) == pytest.approx(3.0)
     assert shape_of(inertia_of(shape)) == pytest.approx(shape, abs=1e-12)
-    for k, slope in enumerate(inertia_slopes(shape)):
+    for k, slope in enumerate(inertia_jacobian(shape)):
         e = 1e-6 * np.eye(5)[k]
         assert (inertia_of(shape + e) - inertia_of(shape - e)) / 2e-6 == pytest.approx(slope, abs=1e-8)
     moments = np.linalg.eigvalsh(inertia_of(np.array([9.0, -8.0, 3.0, 5.0, 0.0])))

@@ -107,7 +107,7 @@ def test_a_stiff_spring_is_as_likely_as_a_soft_one_with_a_shorter_arm() -> None:
     fit = best_fit(record, effects()["spring-mass-damper"], without_effects(record)[0])
     assert fit is not None
     # the whole motion begins where the balance ended
-    begun = whole_motion._begun(fit).acting[0].values[0]
+    begun = whole_motion._begun(fit).active[0].values[0]
     assert begun == pytest.approx(fit.values["spring-mass-damper"], abs=1e-12)
     told, sigma = parameters(whole_motion.by_whole_motion(fit), "spring-mass-damper")
     for name in ("frequency", "damping"):

@@ -6,9 +6,10 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
+from estimators.tumbling import images, pinholes
 
 from massprops.dynamics.inertia import ratios
-from massprops.dynamics.quaternion import from_rotation_vector, multiply, rotate
+from massprops.dynamics.quaternion import from_rotation_vector, multiply
 from massprops.dynamics.rigid_body import propagate
 from massprops.estimators.result import Estimate
 from massprops.mass.ratio_space import inertia_of
@@ -35,17 +36,16 @@ def make_sequence(
     q, w = propagate(np.array([0.5, 0.5, -0.5, 0.5]), AXES @ np.array(spin), inertia, times, largest_turn=0.02)
     position = np.array([0.1, -0.1, 8.0]) + times[:, None] * np.array([0.002, 0.001, -0.003])
     points = rng.uniform(-1, 1, (12, 3))
-    X = position[:, None] + rotate(q[:, None], points[None])
-    fu, cu, cv = 900.0, 320.0, 240.0
+    lens, bases = (900.0, 900.0, 320.0, 240.0), (0.0, 0.6)[: 2 if stereo else 1]
+    exact = images(pinholes(lens, bases), q, position, points)
     rows = []
     cameras = {}
     stamps = np.round(times * 1e9).astype(np.int64)
-    for c in range(2 if stereo else 1):
+    for c, base in enumerate(bases):
         pose = np.eye(4)
-        pose[0, 3] = 0.6 * c
-        cameras[c] = Camera((640, 480), np.array([fu, fu, cu, cv]), T_BS=pose, sigma_px=sigma_px)
-        Y = X - [0.6 * c, 0, 0]
-        uv = fu * Y[..., :2] / Y[..., 2:] + [cu, cv] + sigma_px * rng.standard_normal((*X.shape[:2], 2))
+        pose[0, 3] = base
+        cameras[c] = Camera((640, 480), np.array(lens), T_BS=pose, sigma_px=sigma_px)
+        uv = exact[:, c] + sigma_px * rng.standard_normal(exact[:, c].shape)
         rows += [(stamps[i], c, 100 + j, uv[i, j]) for i in range(epochs) for j in range(len(points))]
     rows.sort(key=lambda r: r[:3])
     tracks = Tracks(*(np.array([r[i] for r in rows]) for i in range(4)))

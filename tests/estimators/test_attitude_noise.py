@@ -9,7 +9,7 @@ import pytest
 from tumbling import Scene, scene
 
 from massprops.dynamics.quaternion import from_rotation_vector, multiply
-from massprops.estimators.attitude_noise import believed, inflation_of
+from massprops.estimators.attitude_noise import inflation_of, with_correlated_noise
 from massprops.estimators.methods import methods
 from massprops.estimators.result import Prior
 from massprops.estimators.start import first_guess
@@ -58,7 +58,7 @@ def test_sigmas_hold_where_errors_hang_together(name: str) -> None:
     before, after = [], []
     for seed in range(5):
         s, problem = only_attitude(seed, 0.9)
-        wider, line = believed(problem, first_guess(problem))
+        wider, line = with_correlated_noise(problem, first_guess(problem))
         assert "alike" in line and wider.alike > 1.5
         for given, out in ((problem, before), (wider, after)):
             found = methods()[name].estimate(given, Prior(), first_guess(given))
@@ -81,7 +81,7 @@ def test_attitudes_that_follow_a_free_motion_exactly_are_no_surer_than_stated() 
 def test_white_errors_are_left_alone() -> None:
     for seed in range(3):
         _, problem = only_attitude(seed, 0.0)
-        same, line = believed(problem, first_guess(problem))
+        same, line = with_correlated_noise(problem, first_guess(problem))
         assert same is problem and line == ""
 
 

@@ -8,7 +8,7 @@ import pytest
 from massprops.errors import NotPossible
 from massprops.estimators.gp import fit_process
 from massprops.estimators.gp.coregionalised import _nll
-from massprops.estimators.gp.kernel import feature_rates, feature_slopes, features, lattice, line_weights, per_column
+from massprops.estimators.gp.kernel import feature_jacobian, feature_rates, features, lattice, line_weights, per_column
 from massprops.estimators.gp.periods import candidate_pairs
 
 
@@ -35,7 +35,7 @@ def test_feature_derivatives() -> None:
     phi = features(t, orders, f)
     rate = (features(t + e, orders, f) - features(t - e, orders, f)) / (2 * e)
     assert np.allclose(feature_rates(phi, orders, f), rate, atol=1e-7)
-    slope = feature_slopes(phi, t, orders)
+    slope = feature_jacobian(phi, t, orders)
     for k, h in enumerate(1e-8 * np.eye(2)):
         assert np.allclose(
             slope[k], (features(t, orders, f + h) - features(t, orders, f - h)) / 2e-8, rtol=1e-4, atol=1e-3

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from motion_scene import INERTIA, RATE, scene
+from tumbling import INERTIA, RATE
+from tumbling import far_scene as scene
 
 from massprops.campaigns.papers import feng2018
-from massprops.dynamics.inertia import DIRECTIONS, physical, ratios
+from massprops.dynamics.inertia import DIRECTIONS, project_to_physical, ratios
 from massprops.dynamics.quaternion import from_rotation_vector, multiply, rotation_matrix
 from massprops.dynamics.rigid_body import propagate
 from massprops.estimators.methods import momentum_ls
@@ -96,11 +97,11 @@ def test_axes_covariance_is_of_turns_about_body_axes():
 @given(st.lists(st.floats(-3, 3), min_size=6, max_size=6))
 def test_the_nearest_physical_body_is_physical(values):
     a, b, c, d, e, f = values
-    inertia = physical(np.array([[a, d, e], [d, b, f], [e, f, c]]))
+    inertia = project_to_physical(np.array([[a, d, e], [d, b, f], [e, f, c]]))
     moments = np.linalg.eigvalsh(inertia)
     assert abs(np.trace(inertia) - 1) < 1e-9
     assert moments[0] > 0 and moments[0] + moments[1] > moments[2]
-    np.testing.assert_allclose(physical(inertia), inertia, atol=1e-9)
+    np.testing.assert_allclose(project_to_physical(inertia), inertia, atol=1e-9)
 
 
 def test_hopeless_noise_still_gives_a_possible_body():

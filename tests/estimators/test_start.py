@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from motion_scene import Scene, scene
+from tumbling import Scene
+from tumbling import far_scene as scene
 
 from massprops.dynamics.alignment import align, horn, q_method
 from massprops.dynamics.inertia import ratios
@@ -36,7 +37,7 @@ def checked(start: Start, made: Scene, attitude: float, rate: float, place: floa
     assert np.median(miss) < rate
     if place is not None:
         assert start.position is not None and start.features is not None
-        assert np.linalg.norm(start.position - made.position[at], axis=1).max() < place
+        assert np.linalg.norm(start.position - made.r[at], axis=1).max() < place
         assert np.nanmax(np.linalg.norm(start.features @ D - made.features, axis=1)) < place
     assert start.inertia is not None
     assert np.abs(ratios(start.inertia)[0] - ratios(made.inertia)[0]).max() < k
@@ -163,7 +164,7 @@ def test_one_camera_with_attitude_places_features_up_to_scale():
     assert start.body_frame == "attitude0" and not start.scaled
     assert start.position is not None and start.features is not None and start.velocity is not None
     assert any("shows no lengths" in line for line in start.warnings)
-    size = made.position[0, 2] / start.position[0, 2]
+    size = made.r[0, 2] / start.position[0, 2]
     known = replace(start, position=start.position * size, features=start.features * size)
     checked(known, made, 3e-3, 5e-3, 0.03, 0.02)
 
@@ -171,7 +172,7 @@ def test_one_camera_with_attitude_places_features_up_to_scale():
 def test_range_gives_the_scale():
     near = {"cameras": 1, "focal": 1000.0, "position": (0.3, 0.2, 10.0), "velocity": (0.0, 0.0, 0.0)}
     made = with_attitude(scene(epochs=150, features=40, step=1.5, sigma_px=0.3, **near), 1e-3)
-    ranges = np.linalg.norm(made.position, axis=1) + np.random.default_rng(0).normal(0, 0.01, 150)
+    ranges = np.linalg.norm(made.r, axis=1) + np.random.default_rng(0).normal(0, 0.01, 150)
     start = first_guess(replace(made.problem, range_m=ranges, sigma_range=0.01))
     assert start.scaled
     checked(start, made, 3e-3, 5e-3, 0.03, 0.02)
@@ -212,7 +213,7 @@ def test_two_features_are_not_enough():
 
 def test_features_on_a_line_are_not_enough():
     made = scene(epochs=50, features=4)
-    world = made.position[:, None] + rotate(made.q[:, None], np.linspace(-1, 1, 4)[:, None] * np.array([1.0, 0, 0]))
+    world = made.r[:, None] + rotate(made.q[:, None], np.linspace(-1, 1, 4)[:, None] * np.array([1.0, 0, 0]))
     uv = np.stack([project(camera, world) for camera in made.problem.cameras], axis=1)
     with pytest.raises(NotPossible, match="line"):
         first_guess(replace(made.problem, uv=uv))

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from estimators.tumbling import images
 
 from massprops.core.compiling import compiled
 from massprops.dynamics.quaternion import (
@@ -48,8 +49,7 @@ def stereo(n: int = 240, m: int = 6, seed: int = 0, dt: float = 0.5, velocity: f
     t, q, _ = motion(n, dt)
     p = rng.uniform(-1, 1, size=(m, 3))
     X = np.array([0.3, -0.2, 9.0]) + velocity * t[:, None] * np.array([1.0, 0.5, -0.7])
-    points = X[:, None] + rotate(q[:, None], p[None])
-    uv = np.stack([800 * (points - c.t)[..., :2] / points[..., 2:] + [320, 240] for c in RIG], axis=1)
+    uv = images(RIG, q, X, p)
     return problem(t, uv + SIGMA * rng.normal(size=uv.shape))
 
 
@@ -342,7 +342,7 @@ def test_a_body_that_turns_a_radian_a_frame() -> None:
 
 @pytest.mark.bench
 def test_speed() -> None:
-    from massprops.campaigns.papers.kabir2025_speed import _filter_speed
+    from massprops.campaigns.papers._kabir2025_speed import _filter_speed
 
     found = _filter_speed()
     print(found)

@@ -12,8 +12,8 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 from test_ukf import K, motion, problem, run, stereo
 
+from massprops.campaigns.papers import _kabir2025_model as model
 from massprops.campaigns.papers import kabir2025
-from massprops.campaigns.papers import kabir2025_model as model
 from massprops.dynamics.quaternion import angle_between, from_rotation_vector, multiply
 from massprops.estimators.filters.foresight import foresee
 from massprops.estimators.methods import ukf_gp

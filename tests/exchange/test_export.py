@@ -17,7 +17,8 @@ from massprops.exchange.collision import collision_mesh
 from massprops.exchange.export import export
 from massprops.exchange.formats import formats
 
-OF_CAMERAS = ("colmap-text", "nerfstudio", "tum")
+OF_CAMERAS = [name for name, style in formats().items() if hasattr(style, "read_cameras") and name != "rerun"]
+"""Formats of nothing but cameras."""
 """Formats of a run's cameras; `test_camera_formats.py` has one."""
 
 

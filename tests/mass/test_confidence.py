@@ -23,7 +23,7 @@ from massprops.mass.properties import properties_of_integrals
         (evidence(0.03, 0.05, 0.0, 40, 40, unjoined=1), "medium", "1 other placement of"),
         (evidence(0.03, 0.05, 0.0, 40, 40, unjoined=1, differing=1), "low", "another volume"),
         (evidence(0.03, 0.05, 0.0, 40, 40, alike=True), "medium", "if it was only moved"),
-        (evidence(0.03, 0.05, 0.0, 40, 40, believed_from=45), "medium", "sides of the object look alike"),
+        (evidence(0.03, 0.05, 0.0, 40, 40, matches_required=45), "medium", "sides of the object look alike"),
         (evidence(0.03, 0.05, 0.0, 40, 40, joined=2), "high", "±3 %"),
         (evidence(0.15, 0.41, 0.0, 48, 48, joined=2), "low", "may be hollow"),
         (evidence(0.15, 0.41, 0.0, 48, 48), "medium", "±15 %"),

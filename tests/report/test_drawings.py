@@ -6,7 +6,7 @@ import numpy as np
 
 from massprops.estimators.methods import own
 from massprops.report.curves import COLOURS, method_style
-from massprops.report.estimates import _bounded, _doubts, _overlaid, _reliable
+from massprops.report.estimates import _bounded, _overlaid, _reliable, _unreliable
 from massprops.report.html import mark, unit
 from massprops.report.plot import log_plot, plot
 from massprops.report.ratio_plane import ratio_plane
@@ -41,9 +41,9 @@ def test_methods_that_fail_alike_are_told_once() -> None:
     fine = {"name": "a", "converged": True, "observable": True, "reliable": True, "because": "", "reason": ""}
     two = [{**fine, "name": n, "reliable": False, "because": "too <small>"} for n in ("b", "c")]
     lost = {**fine, "name": "d", "converged": False, "reliable": False, "reason": "astray"}
-    said = _doubts([fine, *two, lost])
+    said = _unreliable([fine, *two, lost])
     assert "<b>b, c</b>: too &lt;small&gt;" in said and "<b>d</b>: astray" in said and said.count("<li>") == 2
-    assert _doubts([fine]) == ""
+    assert _unreliable([fine]) == ""
     assert [_reliable(e) for e in (fine, two[0], lost)] == ["yes", "no", "no: did not converge"]
 
 

@@ -44,7 +44,7 @@ def moved_apart(right, seed=0):
 def test_the_right_ones_are_found_and_believed(right):
     views, points, second, candidates, (scale, turn, shift), is_right = moved_apart(right)
     found = agreement(views, points, second, candidates, SPREAD, np.random.default_rng(1))
-    assert found is not None and found.believed
+    assert found is not None and found.beyond_chance
     assert np.rad2deg(Rotation.from_matrix(turn.T @ found.R).magnitude()) < 0.4
     assert abs(found.scale / scale - 1) < 0.004
     assert np.linalg.norm(found.t - shift) < 0.04
@@ -56,7 +56,7 @@ def test_places_that_agree_on_nothing_are_not_believed():
     for seed in range(5):
         views, points, second, candidates, *_ = moved_apart(0.0, seed)
         found = agreement(views, points, second, candidates, SPREAD, np.random.default_rng(seed))
-        assert found is not None and not found.believed
+        assert found is not None and not found.beyond_chance
 
 
 def test_few_points_say_nothing():

@@ -143,7 +143,7 @@ def test_pairs_with_few_matches_are_given_up_until_nothing_contradicts(
 ) -> None:
     found, least = prints(tmp_path, monkeypatch, 45)
     settled = contradicted.without_contradictions(found, in_order(20), tmp_path / "work", SfmOptions(), silent)
-    assert settled.believed_from == 45 and settled.registered == 16
+    assert settled.matches_required == 45 and settled.registered == 16
     assert settled.warnings == [
         "sides of the object look alike: pairs of images with fewer than 45 matches were given up, as they contradict the rest"
     ]

@@ -11,7 +11,7 @@ from massprops.mass.integrals import greatest_length, mesh_integrals
 from massprops.mass.intervals import intervals
 from massprops.mass.properties import properties_of_integrals
 from massprops.surface.reconstruct import reconstruct_surface
-from massprops.surface.spread import Doubts, replicates
+from massprops.surface.spread import ErrorSources, replicates
 
 CASES = {
     "asteroid, all round": (asteroid, -2.0, 0.01, 0.025),
@@ -32,7 +32,7 @@ def test_bench_surface(name):
     surface = reconstruct_surface(views, masks, cloud, points=40_000)
     truth = properties_of_integrals(mesh_integrals(mesh.vertices, mesh.faces), 1.0)
     ours = properties_of_integrals(mesh_integrals(surface.vertices, surface.faces), 1.0)
-    bound = intervals(replicates(surface, len(views), Doubts(0.002))[0], ours)
+    bound = intervals(replicates(surface, len(views), ErrorSources(0.002))[0], ours)
     volume = ours.volume / truth.volume - 1
     moments = ours.principal_moments / truth.principal_moments - 1
     solid = trimesh.Trimesh(surface.vertices, surface.faces, process=False)

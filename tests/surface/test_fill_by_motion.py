@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from massprops.surface.fill_by_motion import Balance, Cut, balanced, centre_of, tells, ways_of
+from massprops.surface.fill_by_motion import Balance, Cut, balanced, centre_of, fill_centres, tells
 from massprops.surface.spread import balancing, with_rivals
 
 USUAL = 1 / 3
@@ -30,7 +30,7 @@ def known(cut: Cut, share: float, sigma: float) -> Balance:
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
 def test_the_fill_reaches_as_far_as_the_body_balances(share: float) -> None:
     cut = half_measured(1.6)
-    (found,) = balanced({0.02: ways_of(cut)}, USUAL, known(cut, share, 1e-3))
+    (found,) = balanced({0.02: fill_centres(cut)}, USUAL, known(cut, share, 1e-3))
     assert (
         found.pull == 0.02 and found.chance == pytest.approx(1.0) and found.membrane == pytest.approx(share, abs=0.06)
     )
@@ -40,13 +40,13 @@ def test_a_centre_that_is_hardly_known_leaves_the_usual_fill() -> None:
     cut = half_measured(1.6)
     balance = known(cut, 1.0, 10.0)
     assert not tells(cut, balance)
-    assert balanced({0.02: ways_of(cut)}, USUAL, balance)[0].membrane == pytest.approx(USUAL, abs=0.1)
+    assert balanced({0.02: fill_centres(cut)}, USUAL, balance)[0].membrane == pytest.approx(USUAL, abs=0.1)
 
 
 def test_another_pull_is_taken_where_only_its_body_balances() -> None:
     wide, narrow = half_measured(3.0), half_measured(0.5)
     wide = Cut(wide.vertices, wide.faces, wide.measured, wide.at(0.2))
-    ways = {0.02: ways_of(wide), 0.0: ways_of(narrow)}
+    ways = {0.02: fill_centres(wide), 0.0: fill_centres(narrow)}
     for pull, cut in ((0.0, narrow), (0.02, wide)):
         first, second = balanced(ways, USUAL, known(cut, 0.3, 1e-3))
         assert first.pull == pull and second.chance < 0.01 and first.chance + second.chance == pytest.approx(1.0)
@@ -58,8 +58,8 @@ def test_later_steps_that_move_the_centre_are_counted() -> None:
     cut, shift = half_measured(1.6), np.array([0.0, 0.0, 0.12])
     here = known(cut, 0.5, 1e-3)
     moved = Balance(here.place + shift, here.covariance)
-    assert balanced({0.02: ways_of(cut)}, USUAL, moved, shift)[0].membrane == pytest.approx(0.5, abs=0.06)
-    assert balanced({0.02: ways_of(cut)}, USUAL, moved)[0].membrane > 0.6
+    assert balanced({0.02: fill_centres(cut)}, USUAL, moved, shift)[0].membrane == pytest.approx(0.5, abs=0.06)
+    assert balanced({0.02: fill_centres(cut)}, USUAL, moved)[0].membrane > 0.6
 
 
 def test_replicates_are_filled_another_way_as_often_as_that_is_likely() -> None:

@@ -15,7 +15,7 @@ from massprops.surface.error_modes import hidden_depth
 from massprops.surface.outer import outer_integrals
 from massprops.surface.outline_cloud import ball_of_outlines, consistent, surface_of_outlines, with_margins
 from massprops.surface.silhouette import make_hull
-from massprops.surface.spread import FOOT_PIXELS, Doubts, replicates
+from massprops.surface.spread import FOOT_PIXELS, ErrorSources, replicates
 from massprops.views import Views
 
 SIZE = (160, 120)
@@ -49,7 +49,7 @@ def test_the_interval_holds_what_outlines_cannot_show(make, least: float) -> Non
     middle, radius = ball_of_outlines(views, masks)
     surface = surface_of_outlines(views, masks, middle, 1.4 * radius)
     assert not surface.observed.any()
-    rows, _ = replicates(surface, len(views), Doubts())
+    rows, _ = replicates(surface, len(views), ErrorSources())
     hull = trimesh.Trimesh(surface.vertices, surface.faces, process=False)
     low, high = np.quantile(rows[:, 0], [0.05, 0.95]) / mesh.volume
     assert hull.is_volume and low < 1.0 < max(high, hull.volume / mesh.volume)
@@ -129,6 +129,6 @@ def test_an_end_on_the_support_may_reach_beyond_the_body() -> None:
     surface = surface_of_outlines(views, masks, middle, 1.4 * radius)
     low = surface.vertices[surface.faces][:, :, 0].min(axis=1) < surface.vertices[:, 0].min() + 0.1
     standing = replace(surface, inferred=low)
-    free, foot = (replicates(s, len(views), Doubts())[1] for s in (surface, standing))
+    free, foot = (replicates(s, len(views), ErrorSources())[1] for s in (surface, standing))
     shorter = (free.mean() - foot.mean()) / surface.hull.pixel
     assert 0.7 * FOOT_PIXELS < shorter < 0.9 * FOOT_PIXELS

@@ -14,7 +14,7 @@ from massprops.geometry.rasterise import silhouette
 from massprops.surface.outline_gaps import Gaps, outline_gaps
 from massprops.surface.reconstruct import Surface, reconstruct_surface
 from massprops.surface.silhouette import agreement, make_hull
-from massprops.surface.spread import Doubts, replicates
+from massprops.surface.spread import ErrorSources, replicates
 from massprops.views import Views
 
 pytestmark = pytest.mark.usefixtures("scatter_once")
@@ -101,7 +101,7 @@ def measured() -> tuple[Surface, int]:
 
 def _interval(measured: tuple[Surface, int], gaps: Gaps | None, free: bool) -> np.ndarray:
     surface, views = measured
-    volume = replicates(surface, views, Doubts(gaps=gaps, never_lit=free))[0][:, 0]
+    volume = replicates(surface, views, ErrorSources(gaps=gaps, never_lit=free))[0][:, 0]
     return np.quantile(volume, [0.05, 0.5, 0.95])
 
 
@@ -132,7 +132,7 @@ def test_an_offset_widens_to_its_own_side_for_a_free_body_and_both_ways_for_a_st
 
 def test_the_ends_of_a_still_object_are_less_known(measured: tuple[Surface, int]) -> None:
     surface, views = measured
-    free, still = (np.std(replicates(surface, views, Doubts(never_lit=lit))[1]) for lit in (True, False))
+    free, still = (np.std(replicates(surface, views, ErrorSources(never_lit=lit))[1]) for lit in (True, False))
     assert np.sqrt(max(still**2 - free**2, 0.0)) > 2.0 * surface.hull.pixel
 
 
@@ -142,7 +142,9 @@ def test_what_was_never_lit_is_expected_further_in() -> None:
     views = cameras(directions[directions[:, 2] > 0.1], 5.0, 400.0, SIZE)
     cloud, masks = observe(trimesh.Trimesh(vertices, faces), views, 0.002, 1, most=75_000)
     surface = reconstruct_surface(views, masks, cloud, points=5_000)
-    usual, dark = (np.median(replicates(surface, len(views), Doubts(never_lit=lit))[0][:, 0]) for lit in (False, True))
+    usual, dark = (
+        np.median(replicates(surface, len(views), ErrorSources(never_lit=lit))[0][:, 0]) for lit in (False, True)
+    )
     assert dark < 0.97 * usual
 
 
@@ -162,7 +164,7 @@ def test_a_tip_that_was_not_measured_makes_the_length_uncertain(measured: tuple[
     surface, views = measured
     wide = replace(surface, hull=replace(surface.hull, need=9))
     zero = np.zeros(len(surface.faces))
-    none = Doubts(gaps=Gaps(zero, 0.0, zero, zero), never_lit=True)
+    none = ErrorSources(gaps=Gaps(zero, 0.0, zero, zero), never_lit=True)
     certain, sure = (replicates(s, views, none)[1] for s in (surface, wide))
     away = np.linalg.norm(surface.vertices[surface.faces].mean(axis=1) - surface.vertices.mean(axis=0), axis=1)
     surface, wide = (replace(s, observed=s.observed & (away < 0.9 * away.max())) for s in (surface, wide))
@@ -221,7 +223,8 @@ def test_a_fill_that_outlines_show_is_less_uncertain(measured: tuple[Surface, in
     zero = np.zeros(len(surface.faces))
     half = replace(surface, observed=surface.vertices[surface.faces].mean(axis=1)[:, 2] > 0)
     shown, hidden = (
-        replicates(half, views, Doubts(gaps=Gaps(zero, 0.0, zero, zero + d)))[0][:, 0].std() for d in (0.02, np.inf)
+        replicates(half, views, ErrorSources(gaps=Gaps(zero, 0.0, zero, zero + d)))[0][:, 0].std()
+        for d in (0.02, np.inf)
     )
     assert shown < 0.5 * hidden
 

@@ -19,7 +19,7 @@ from massprops.surface.outline_gaps import outline_gaps
 from massprops.surface.reconstruct import Surface
 from massprops.surface.refine import face_normals
 from massprops.surface.shading import _gradient, with_brightness
-from massprops.surface.spread import Doubts, replicates
+from massprops.surface.spread import ErrorSources, replicates
 from massprops.surface.unlit import spare_behind_light
 from massprops.views import Views
 
@@ -82,7 +82,7 @@ def interval(found: Surface, footage: Footage) -> tuple[float, float]:
     """Of the volume, by 90 %."""
     gaps = outline_gaps(found.vertices, found.faces, footage.views, footage.masks, 0.3)
     gaps = replace(gaps, offset=np.zeros(len(found.faces)), drift=0.0)
-    rows = replicates(found, len(footage.views), Doubts(0.0, gaps, never_lit=True), seed=0)[0]
+    rows = replicates(found, len(footage.views), ErrorSources(0.0, gaps, never_lit=True), seed=0)[0]
     low, high = np.quantile(rows[:, 0], [0.05, 0.95])
     return float(low), float(high)
 

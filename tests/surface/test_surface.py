@@ -20,7 +20,7 @@ from massprops.surface.cut import manifold, surface_faces
 from massprops.surface.error_modes import fill_modes, measured_modes
 from massprops.surface.reconstruct import FILLED, STRETCHED, Surface, reconstruct_surface
 from massprops.surface.refine import least_area, membrane
-from massprops.surface.spread import Doubts, Joint, deform, replicates
+from massprops.surface.spread import ErrorSources, Joint, deform, replicates
 from massprops.surface.tetra import tetrahedralise
 
 POINTS = 6000
@@ -102,7 +102,7 @@ def test_interval_holds_truth_and_widens_with_the_unseen_part(seen_all_round, se
     truth = 4 / 3 * np.pi / 8
     widths = []
     for surface, views in (seen_all_round, seen_from_above):
-        rows, lengths = replicates(surface, views, Doubts(0.002), seed=3)
+        rows, lengths = replicates(surface, views, ErrorSources(0.002), seed=3)
         assert (lengths > 0).all()
         estimate = properties_of_integrals(mesh_integrals(surface.vertices, surface.faces), 1.0)
         low, high = intervals(rows, estimate)["volume"]
@@ -114,7 +114,7 @@ def test_interval_holds_truth_and_widens_with_the_unseen_part(seen_all_round, se
 
 def test_replicates_follow_the_seed(seen_all_round):
     surface, views = seen_all_round
-    one, two, other = (replicates(surface, views, Doubts(0.002), count=20, seed=s)[0] for s in (1, 1, 2))
+    one, two, other = (replicates(surface, views, ErrorSources(0.002), count=20, seed=s)[0] for s in (1, 1, 2))
     np.testing.assert_array_equal(one, two)
     assert not np.allclose(one, other, rtol=1e-6)
 
@@ -180,7 +180,7 @@ def test_points_that_scatter_leave_the_volume_more_uncertain(seen_all_round):
     # half of a pixel either way: their middle, and so the surface, stays
     apart = 0.5 * pixel * rng.choice([-1.0, 1.0], len(cloud))
     loose = replace(cloud, xyz=cloud.xyz + apart[:, None] * cloud.normal, sigma=np.full(len(cloud), 0.5 * pixel))
-    spread = [replicates(s, views, Doubts())[0][:, 0].std() for s in (surface, replace(surface, cloud=loose))]
+    spread = [replicates(s, views, ErrorSources())[0][:, 0].std() for s in (surface, replace(surface, cloud=loose))]
     area = solid(surface).area
     assert spread[0] < 0.35 * pixel * area
     assert 0.45 * pixel * area < spread[1] < 0.8 * pixel * area
@@ -193,7 +193,7 @@ def test_a_placement_that_may_lie_elsewhere_carries_its_side_with_it(seen_all_ro
     sigma = np.diag([0.0, 0, 0, 0, 0, 0.05**2])
 
     def rows(first, last):
-        return replicates(surface, views, Doubts(joints=[Joint(first, last, np.zeros(3), sigma)]))[0]
+        return replicates(surface, views, ErrorSources(joints=[Joint(first, last, np.zeros(3), sigma)]))[0]
 
     none, whole = rows(views, 2 * views), rows(0, views - 1)
     height, volume = (lambda r: (r[:, 3] / r[:, 0]).std()), (lambda r: r[:, 0].std() / r[:, 0].mean())
@@ -206,7 +206,7 @@ def test_a_placement_that_may_lie_elsewhere_carries_its_side_with_it(seen_all_ro
     number = np.empty(views, int)
     number[order] = np.arange(views)
     sorted_ = replace(surface, cloud=replace(surface.cloud, view_index=number[surface.cloud.view_index]))
-    half = replicates(sorted_, views, Doubts(joints=[Joint(views // 2, views - 1, np.zeros(3), sigma)]))[0]
+    half = replicates(sorted_, views, ErrorSources(joints=[Joint(views // 2, views - 1, np.zeros(3), sigma)]))[0]
     assert volume(half) > 1.5 * volume(none)
 
 

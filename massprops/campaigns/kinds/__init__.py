@@ -18,20 +18,39 @@ from __future__ import annotations
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
-from types import ModuleType
-from typing import Any
+from typing import Any, Protocol, cast
 
 from massprops.errors import InputError
+from massprops.packaged import names_of
+
+Values = dict[str, Any]
+Rows = list[dict[str, Any]]
+
+
+class Kind(Protocol):
+    """What such a file holds, as the top of this file says; `TITLES` may be left out."""
+
+    SENTENCE: str
+    OWN_THREADS: bool
+    prepared: Callable[[Values, Values, Path, str], tuple[Values, Values]]
+    parameters: Callable[[Values, Values], list[str]]
+    check: Callable[[Values, str], None]
+    default_runs: Callable[[Values], int]
+    chunk: Callable[[Values], int]
+    basis: Callable[[Any], Any]
+    runs: Callable[[Values, list[int], Path | None], Rows]
+    tables: Callable[[Any, list[Any]], Rows]
+    boxes: Callable[[Any], list[str] | None]
 
 
 def kinds() -> list[str]:
     """Names of the kinds."""
-    return sorted(p.stem for p in Path(__file__).parent.glob("*.py") if not p.stem.startswith("_"))
+    return names_of(__name__)
 
 
-def load_kind(name: str) -> ModuleType:
+def load_kind(name: str) -> Kind:
     """The file of one kind, which must be one of `kinds()`."""
-    return import_module(f"{__name__}.{name}")
+    return cast(Kind, import_module(f"{__name__}.{name}"))
 
 
 def always(value: Any) -> Callable[..., Any]:

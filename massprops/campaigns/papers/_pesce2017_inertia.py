@@ -1,10 +1,12 @@
 """pesce2017's filter: the inertia up to scale as two unconstrained parameters, which a filter can add to.
 
-The body frame is the principal frame. Euler's equations are w1_dot = a1 w2 w3 and so on
-with a1 = (I2 - I3)/I1, a2 = (I3 - I1)/I2, a3 = (I1 - I2)/I3, tied by a1 + a2 + a3 + a1 a2 a3 = 0, and a body of positive
-mass has |a| < 1 (the triangle inequality). The parameters are a's coordinates in the plane a1 + a2 + a3 = 0, from which
-that surface departs by no more than a few hundredths for most bodies: the motion is nearly linear in them, which it is
-not in k1, k2, and plates and rods, where k1, k2 run off, are ordinary points of it.
+The body frame is the principal frame. Euler's equations are w1_dot = a1 w2 w3 and so on with
+
+    a1 = (I2 - I3)/I1, a2 = (I3 - I1)/I2, a3 = (I1 - I2)/I3.
+
+They are tied by a1 + a2 + a3 + a1 a2 a3 = 0, and a body of positive mass has |a| < 1 (the triangle inequality). The parameters are
+a's coordinates in the plane a1 + a2 + a3 = 0. For most bodies the surface of possible a departs from it by no more than a few
+hundredths, so the motion is nearly linear in them. It is not in k1, k2. Plates and rods, where k1, k2 run off, are ordinary points.
 
 All functions are component-wise on the last axis, for real and complex arrays.
 """

@@ -18,6 +18,7 @@ Ahead = Callable[[int, State], tuple[State, np.ndarray]]
 """`ahead(i, state)`: the state at epoch i from that at epoch i - 1 (epoch 0: from the start), and the transition."""
 
 ROUNDS = 30
+"""Steps of one fit at most."""
 
 
 def update_together(
@@ -32,7 +33,7 @@ def update_together(
     """The most probable state at the start and its covariance, from the measurements of the first epochs.
 
     The window grows, each beginning where the last ended, and both of two mirrored answers are sought in each
-    (`error_state.mirrored`). The motion counts as exact over the window.
+    (`_pesce2017_state.mirrored`). The motion counts as exact over the window.
 
     Args:
         state, P: before the first epoch. observe: of each epoch, residuals and derivatives at that epoch's state.

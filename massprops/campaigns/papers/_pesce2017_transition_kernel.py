@@ -18,6 +18,7 @@ from massprops.estimators import free_path
 from massprops.estimators.filters import components
 
 TINY = 1e-150
+"""Complex step: so small that its square vanishes."""
 _acceleration = bind(free_path.acceleration, euler_acceleration=euler_acceleration)
 _torque_free = bind(components.torque_free, acceleration=_acceleration, quaternion_rate=quaternion_rate, unit=unit)
 

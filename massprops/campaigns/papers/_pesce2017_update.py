@@ -21,7 +21,9 @@ Observe = Callable[[State, np.ndarray], tuple[np.ndarray, np.ndarray]]
 the runs numbered `runs` (b,); anything where nothing was measured."""
 
 JITTER = 1e-13
+"""Added to a correlation matrix, so that rounding leaves it positive."""
 SMALLEST_STEP = 1.0 / 64.0
+"""Share of a step below which a search ends."""
 
 
 @dataclass(frozen=True)

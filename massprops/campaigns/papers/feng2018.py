@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 
 from massprops.campaigns.consistency import consistency
+from massprops.campaigns.papers._references import Reference
 from massprops.campaigns.papers._seeds import each_seed, percentiles, stereo_pair
 from massprops.core.linalg import normalised_square
 from massprops.dynamics.alignment import q_method
-from massprops.dynamics.inertia import physical, ratios
+from massprops.dynamics.inertia import project_to_physical, ratios
 from massprops.dynamics.quaternion import (
     angle_between,
     conjugate,
@@ -36,6 +37,13 @@ from massprops.sensing.pinhole import Pinhole, project
 from massprops.sensing.stereo import triangulate
 
 PAPER = "feng2018"
+REFERENCE = Reference(
+    "Q. Feng, Q. Pan, X. Hou, Y. Liu, Z. H. Zhu",
+    "Vision-based relative state and inertia ratio estimation of un-cooperative targets",
+    "CSME International Congress, Toronto",
+    2018,
+    "10.25071/10315/35405",  # as the repository of York University has it
+)
 CASES = {
     "figure2": "3000 s of tumbling seen by a stereo pair, image noise 0.2 px",
     "short": "the same over the first 600 s",
@@ -171,11 +179,11 @@ def _paper_chain(
     w = rotate(conjugate(q_body), spin)
     spread = _chain_covariance(arm, covariance, spin, square, c["sigma_velocity_px_s"] / c["sigma_px"], q_body)
     plain = _fixed_first(q_body, w)
-    weighted = momentum_inertia(q_body, w, spread, first=physical(plain))
+    weighted = momentum_inertia(q_body, w, spread, first=project_to_physical(plain))
     row = {
         "paper_attitude_max": 100 * float(angle_between(q_body, truth["q"]).max()),
         "paper_rate_max": 100 * float(_share(w - truth["w"], truth["w"]).max()),
-        "paper_inertia_plain": _inertia_error(physical(plain), truth["inertia"]),
+        "paper_inertia_plain": _inertia_error(project_to_physical(plain), truth["inertia"]),
     }
     if weighted is not None:
         row["paper_inertia_weighted"] = _inertia_error(weighted.inertia, truth["inertia"])

@@ -13,15 +13,23 @@ from typing import Any
 import numpy as np
 
 from massprops.campaigns.consistency import consistency
-from massprops.campaigns.papers import kabir2025_model as model
+from massprops.campaigns.papers import _kabir2025_model as model
+from massprops.campaigns.papers._kabir2025_setup import POLHODE_S, RATES, configuration, three_periods
+from massprops.campaigns.papers._kabir2025_speed import speed
+from massprops.campaigns.papers._references import Reference
 from massprops.campaigns.papers._seeds import column, each_seed
-from massprops.campaigns.papers.kabir2025_setup import POLHODE_S, RATES, configuration, three_periods
-from massprops.campaigns.papers.kabir2025_speed import speed
 from massprops.core.robust import rms
 
 __all__ = ["POLHODE_S", "RATES", "configuration", "speed"]
 
 PAPER = "kabir2025"
+REFERENCE = Reference(
+    "R. H. Kabir, X. Bai",
+    "Motion and Inertia Estimation for Non-Cooperative Space Objects During Long-Term Occlusion Based on UKF-GP",
+    "Sensors 25(3), 647",
+    2025,
+    "10.3390/s25030647",
+)
 CASES = {
     **{
         f"occlusion-{f}": f"UKF, benchmark and UKF-GP through 1500 s of occlusion at {f} Hz (Figures 5-9)"

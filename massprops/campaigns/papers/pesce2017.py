@@ -13,8 +13,15 @@ import numpy as np
 
 from massprops.campaigns.consistency import consistency
 from massprops.campaigns.papers._pesce2017_state import COLUMNS
+from massprops.campaigns.papers._references import Reference
 
 PAPER = "pesce2017"
+REFERENCE = Reference(
+    "V. Pesce, M. Lavagna, R. Bevilacqua",
+    "Stereovision-based pose and inertia estimation of unknown and uncooperative space objects",
+    "Advances in Space Research 59, 236-251",
+    2017,
+)
 CASES = {
     "A": "slow tumble, Euler pseudo-measurement with a real differentiator of measured rates (Table 1)",
     "A-sensor": "slow tumble, pseudo-measurement as the paper simulates it: true acceleration plus noise (Table 1)",
@@ -59,6 +66,7 @@ LIMITS = {"A": (0.0202, 0.0159), "B": (0.0202, 0.0159), "C": (0.0020, 0.0015)}
 """Cramer-Rao 1-sigma of k1, k2 at 100 s, rms over 40 runs (`_pesce2017_limit.limit`)."""
 
 RUN_AWAY = 0.15
+"""Error of k1 or k2 at the end from which a run is counted as lost."""
 FILTERS = {"C-ekf": "ekf", "C-paper": "iekf with the paper's quaternion"}
 BOXES = {case: ["k1", "k2", "omega_deg_s", "rho_m"] for case in CASES}
 SINGLE_RUN: dict[str, list[float | None]] = {

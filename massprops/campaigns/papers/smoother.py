@@ -103,7 +103,7 @@ def bound_of(problem: Any, state: Any) -> np.ndarray:
     from massprops.model import model_of
     from massprops.model.linearise import linearise, predict
     from massprops.model.measurements import measurements_of
-    from massprops.model.state import ratio_slopes
+    from massprops.model.state import ratio_jacobian
 
     tracked = problem.has_tracks
     single = tracked and not problem.stereo
@@ -126,7 +126,7 @@ def bound_of(problem: Any, state: Any) -> np.ndarray:
     covariance = np.zeros((len(free), len(free)))
     inverse = (vectors / np.maximum(values, 1e-12)) @ vectors.T
     covariance[np.ix_(free, free)] = inverse / scale[:, None] / scale
-    slopes = ratio_slopes(state.inertia)[2]
+    slopes = ratio_jacobian(state.inertia)[2]
     return np.asarray(np.sqrt(np.diag(slopes @ covariance[12:17, 12:17] @ slopes.T)))
 
 

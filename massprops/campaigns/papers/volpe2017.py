@@ -1,13 +1,16 @@
 """volpe2017, tables 1-2: pose, velocity, shape and inertia ratios from one camera and ranges over one orbit.
 
-The paper's formulas, noise levels, time step and initial values are lost from its text. Kept from the paper: a circular orbit
-of 7000 km, a closed and inclined relative orbit, 12 points that are always seen, the camera pointed at the target, body
-axes parallel to the camera at the start so that the attitude there is known, an initial velocity of zero, all points at
-the depth of the initial position, one orbital period, pixels rounded to whole numbers. One second between images, because
-in the paper the velocity converges in a few seconds. No process noise except a millionth of the rate over the orbit: the
-period of the tumbling is known that well, and the error of an update is of that size. Everything else in `configuration`
-is chosen here. The inertia is estimated up to its scale: the paper's sixth element is the scale, which nothing shows, and
-which hides that the other five are observable.
+The paper's formulas, noise levels, time step and initial values are lost from its text. Kept from the paper:
+
+- a circular orbit of 7000 km, a closed and inclined relative orbit, one orbital period;
+- 12 points that are always seen, by a camera that points at the target, in pixels rounded to whole numbers;
+- body axes parallel to the camera at the start, so that the attitude there is known;
+- an initial velocity of zero, and all points at the depth of the initial position.
+
+One second lies between images, because in the paper the velocity converges in a few seconds. There is no process noise except a
+millionth of the rate over the orbit: the period of the tumbling is known that well, and the error of an update is of that size.
+Everything else in `configuration` is chosen here. The inertia is estimated up to its scale: the paper's sixth element is the
+scale, which nothing shows, and which hides that the other five are observable.
 
 Body axes are the camera's at the first epoch, exactly; how far images can carry that on limits the rate in body axes
 (Cramer-Rao gain 1345 with 1 s between images, 602 with 5 s), not the one in inertial axes (3610, 1616).
@@ -20,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from massprops.campaigns.consistency import consistency
+from massprops.campaigns.papers._references import Reference
 from massprops.campaigns.papers._seeds import MU, each_seed, on_circular_orbit, percentiles
 from massprops.core.linalg import normalised_square
 from massprops.dynamics import runge_kutta
@@ -39,6 +43,13 @@ from massprops.estimators.ranging.batch_start import fit_first
 from massprops.estimators.ranging.inertial import BASE, RangeData, RangeMotion, RangeStart, range_filtered, to_camera
 
 PAPER = "volpe2017"
+REFERENCE = Reference(
+    "R. Volpe, M. Sabatini, G. B. Palmerini",
+    "Pose and Shape Reconstruction of a Noncooperative Spacecraft Using Camera and Range Measurements",
+    "International Journal of Aerospace Engineering, 4535316",
+    2017,
+    "10.1155/2017/4535316",
+)
 CASES = {
     "orbit": "tables 1-2: errors at the start and after one orbit; the first frames are fitted as a batch",
     "plain": "the same with the filter alone from the first frame on, as the paper has it",
@@ -150,7 +161,16 @@ def _run(c: dict[str, Any], truth: dict[str, np.ndarray], seed: int) -> dict[str
     ranges = np.linalg.norm(truth["r"], axis=1) + c["sigma_range_m"] * rng.standard_normal(len(C))
     start = _start(c, truth, uv[0], rng)
     lens, orbit = np.array([c["focal_px"], c["focal_px"], 0.0, 0.0]), on_circular_orbit(c["orbit_radius_m"])
-    data = RangeData(truth["times"], lens, uv, sigma_px, ranges, c["sigma_range_m"], orbit, truth["camera"])
+    data = RangeData(
+        times=truth["times"],
+        intrinsics=lens,
+        uv=uv,
+        sigma_px=sigma_px,
+        ranges=ranges,
+        sigma_range=c["sigma_range_m"],
+        environment=orbit,
+        camera=truth["camera"],
+    )
     begin, at = start, 0
     if c["batch_windows"]:
         *windows, n = c["batch_windows"]

@@ -11,7 +11,6 @@ import importlib
 import importlib.util
 import json
 import os
-import select
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -20,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from massprops.core.messages import Listener, Silence, sayer
 from massprops.effect_contract import first_line
 from massprops.errors import InputError, NotPossible
 
@@ -61,7 +61,8 @@ class Simulator:
             python_module("massprops.diagnosis.black_box.worker", text), env=child_environment(OPENBLAS_NUM_THREADS="1"),
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
         )  # fmt: skip
-        self._left = b""
+        assert self._child.stdout is not None
+        self._listener = Listener(self._child.stdout.fileno())
         try:
             first = self._read("it cannot be loaded")
         except NotPossible as stop:
@@ -99,23 +100,13 @@ class Simulator:
                 pipe.close()
 
     def _read(self, what: str) -> dict[str, Any]:
-        import time
-
-        assert self._child.stdout is not None
-        handle, end = self._child.stdout.fileno(), time.monotonic() + self.seconds
-        while b"\n" not in self._left:
-            ready, _, _ = select.select([handle], [], [], max(0.0, end - time.monotonic()))
-            part = os.read(handle, 1 << 20) if ready else b""
-            if not part:
-                self.close()
-                why = (
-                    "its process ended: call it by itself to see why" if ready else f"{what} within {self.seconds:g} s"
-                )
-                raise NotPossible(f"--simulator {self.text}: {why}")
-            self._left += part
-        line, _, self._left = self._left.partition(b"\n")
-        found: dict[str, Any] = json.loads(line)
-        return found
+        try:
+            return self._listener.next(self.seconds)
+        except Silence as silence:
+            self.close()
+            late = f"{what} within {self.seconds:g} s"
+            why = "its process ended: call it by itself to see why" if silence.why == "ended" else late
+            raise NotPossible(f"--simulator {self.text}: {why}") from None
 
 
 def _load(text: str) -> Any:
@@ -173,14 +164,9 @@ def _main(text: str) -> None:
     die_with_parent()
     limit_memory()
     # what the user's code prints goes nowhere: the pipe is for answers
-    pipe = os.fdopen(os.dup(1), "w")
+    say = sayer(os.dup(1))
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)
-
-    def say(content: dict[str, Any]) -> None:
-        pipe.write(json.dumps(content) + "\n")
-        pipe.flush()
-
     try:
         function, given = _load(text)
         say({"parameters": _parameters(given)})

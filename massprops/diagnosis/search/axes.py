@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from massprops.diagnosis.search.case import Case
-from massprops.diagnosis.search.refit import Scored, refit
+from massprops.diagnosis.search.refit import FittedModel, refit
 from massprops.model.state import in_axes
 
 OTHERWISE = (
@@ -22,7 +22,7 @@ FIRST = 10
 """Iterations after which the best of them is followed further."""
 
 
-def otherwise(case: Case, base: Scored) -> Scored:
+def otherwise(case: Case, base: FittedModel) -> FittedModel:
     """The base model from the other ways to match principal axes, where one explains more.
 
     What the model lacks can turn the axes that the first guess takes from the motion, and the search then rests where

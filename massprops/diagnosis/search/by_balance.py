@@ -19,7 +19,7 @@ from massprops.diagnosis.hypothesis_fit import HypothesisFit
 from massprops.diagnosis.record import record_of_attitudes
 from massprops.diagnosis.search.assumed import with_mass
 from massprops.diagnosis.search.case import Case
-from massprops.diagnosis.search.refit import Added, Scored, near, refit, with_effects
+from massprops.diagnosis.search.refit import Added, FittedModel, near, refit, with_effects
 from massprops.diagnosis.selection import select
 from massprops.effects import effects, forms
 from massprops.errors import NotPossible
@@ -39,7 +39,7 @@ class ByBalance:
             so that something acts on the motion; named: whether the catalogue explains the attitudes.
     """
 
-    fits: tuple[Scored, ...] = ()
+    fits: tuple[FittedModel, ...] = ()
     forced: bool = False
     named: bool = False
 
@@ -53,7 +53,7 @@ def fits_by_balance(case: Case, usable: list[ModuleType], watch: Watch, against:
     selected = _selected(case, watch)
     if selected is None:
         return ByBalance()
-    found: list[Scored] = []
+    found: list[FittedModel] = []
     for k, (added, start) in enumerate(_begun(case, selected, usable)):
         watch(f"from the balance of momentum: {' + '.join(a.name for a in added)}", k, FITTED)
         least = near(min([against, *(s.fit.cost for s in found)]))
@@ -65,7 +65,7 @@ def fits_by_balance(case: Case, usable: list[ModuleType], watch: Watch, against:
     )
 
 
-def _with_its_mass(case: Case, s: Scored, usable: list[ModuleType]) -> Scored:
+def _with_its_mass(case: Case, s: FittedModel, usable: list[ModuleType]) -> FittedModel:
     """The fit of one effect, beside uneven density where it leaves the inertia that is assumed: the balance assumes none."""
     return (with_mass(case, s, usable) or s) if len(s.added) == 1 else s
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from massprops.diagnosis.search.acceptance import explained
 from massprops.diagnosis.search.case import Case
-from massprops.diagnosis.search.moment import EVIDENCE
-from massprops.diagnosis.search.refit import Added, Scored, near, refit, start_values, with_effects
+from massprops.diagnosis.search.event_time import EVIDENCE
+from massprops.diagnosis.search.refit import Added, FittedModel, near, refit, start_values, with_effects
 from massprops.diagnosis.search.residual_statistics import count
-from massprops.diagnosis.search.score import Score, score_tests
+from massprops.diagnosis.search.score import ScoreTest, score_tests
 from massprops.effects import has_pace, searched
 
 WORTH_A_FIT = 0.1
@@ -26,15 +26,15 @@ Watch = Callable[[str, int, int], None]
 
 def fit_candidates(
     case: Case,
-    upon: Scored,
+    upon: FittedModel,
     modules: list[ModuleType],
     fewest: int,
     watch: Watch,
     what: str,
     pays: bool = False,
     against: float = np.inf,
-) -> list[Scored]:
-    """Score tests of all candidates added to a model, then fits of the promising ones, best first.
+) -> list[FittedModel]:
+    """ScoreTest tests of all candidates added to a model, then fits of the promising ones, best first.
 
     Args:
         fewest: effects that are fitted in any case; what: told to `watch`.
@@ -44,7 +44,7 @@ def fit_candidates(
     watch(f"{what}: scores", 0, 1)
     candidates = [(Added(m), v) for m in modules for v in start_values(case, m)]
     tests = sorted(score_tests(case, upon, candidates), key=lambda t: -t.gain)
-    by: dict[str, list[Score]] = {}
+    by: dict[str, list[ScoreTest]] = {}
     for t in tests:
         by.setdefault(t.added.name, []).append(t)
     top = tests[0].gain if tests else 0.0
@@ -54,7 +54,7 @@ def fit_candidates(
     if pays:
         price = np.log(count(upon.fit.residuals))
         chosen = [g for g in chosen if g[0].gain > EVIDENCE + price * sum(searched(g[0].added.effect))]
-    out: list[Scored] = []
+    out: list[FittedModel] = []
     for k, starts in enumerate(chosen):
         watch(f"{what}: fit of {starts[0].added.name}", k, len(chosen))
         least = min((s.fit.cost for s in out), default=against)
@@ -63,9 +63,9 @@ def fit_candidates(
     return sorted(out, key=lambda s: s.bic)
 
 
-def _best_fit(case: Case, upon: Scored, starts: list[Score], against: float) -> Scored:
+def _best_fit(case: Case, upon: FittedModel, starts: list[ScoreTest], against: float) -> FittedModel:
     added = (*upon.added, starts[0].added)
-    best: Scored | None = None
+    best: FittedModel | None = None
     for test in starts:
         begin = with_effects(upon.fit.state, added, {test.added.name: _begun(test)})
         tried = refit(case, begin, added, against=against)
@@ -78,7 +78,7 @@ def _best_fit(case: Case, upon: Scored, starts: list[Score], against: float) -> 
     return best
 
 
-def _begun(test: Score) -> np.ndarray:
+def _begun(test: ScoreTest) -> np.ndarray:
     """Parameters to begin with: an effect whose pace means nothing without a size begins with the size that the score
     test gives it."""
     if not has_pace(test.added.effect):

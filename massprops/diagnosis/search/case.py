@@ -100,18 +100,18 @@ def case_of(problem: Problem, inflation: float = 1.0, own_attitudes: bool = True
             f"{fitted.count} measurements are too few for a diagnosis, which needs 30: give a longer record"
         )
     return Case(
-        problem,
-        environment,
-        first,
-        fitted,
-        held,
-        scored,
-        inertia_prior,
-        frozenset(_there(problem, environment, first)),
-        float(problem.times[-1]),
-        float(np.median(np.linalg.norm(guess.w, axis=1))),
-        tuple(warnings),
-        _attitudes(problem, guess, first),
+        problem=problem,
+        environment=environment,
+        first=first,
+        fitted=fitted,
+        held=held,
+        scored=scored,
+        inertia_prior=inertia_prior,
+        there=frozenset(_there(problem, environment, first)),
+        span=float(problem.times[-1]),
+        speed=float(np.median(np.linalg.norm(guess.w, axis=1))),
+        warnings=tuple(warnings),
+        shown=_attitudes(problem, guess, first),
     )
 
 

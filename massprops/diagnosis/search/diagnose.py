@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from massprops.diagnosis.candidate import Selection as Named
     from massprops.diagnosis.diagnose import BalanceDiagnosis
     from massprops.diagnosis.search.case import Case
-    from massprops.diagnosis.search.refit import Scored
+    from massprops.diagnosis.search.refit import FittedModel
     from massprops.diagnosis.search.select import Selection
     from massprops.model.problem import Problem
     from massprops.sequence.data import Sequence
@@ -32,9 +32,7 @@ OTHER_PATH = 0.1
 """Fall of BIC per measurement with which the base model shows the path by itself."""
 BETTER_PATH = 0.5
 """Share of the excess mean square that another path must explain to be worth a selection of its own."""
-PREDICTS = 1.1
-"""Residual held out up to which nothing better is looked for."""
-DOUBTS = (8.0, 40.0)
+NOISE_INFLATIONS = (8.0, 40.0)
 """Times the stated noise that further guesses allow for."""
 
 NAMES = ("residual.csv", "model.yaml", "diagnosis.json", "report.html", "law.py", "law.yaml")
@@ -198,15 +196,15 @@ def diagnose_problem(
 
 def _begin(
     case_of: Callable[..., Any], refit: Callable[..., Any], problem: Problem, progress: Watch, own_attitudes: bool
-) -> tuple[Case, Scored]:
+) -> tuple[Case, FittedModel]:
     """The base model from the first guess that leads somewhere: sensors that are wrong together look like outliers to it.
 
     Raises:
         NotPossible: no guess shows an attitude.
     """
-    best: tuple[Case, Scored] | None = None
+    best: tuple[Case, FittedModel] | None = None
     refused: NotPossible | None = None
-    for inflation in (1.0, *DOUBTS):
+    for inflation in (1.0, *NOISE_INFLATIONS):
         try:
             case = case_of(problem, inflation, own_attitudes)
         except NotPossible as error:
@@ -226,16 +224,16 @@ def _begin(
     return best
 
 
-def _on_some_path(case: Case, base: Scored, progress: Watch) -> tuple[Case, Selection]:
+def _on_some_path(case: Case, base: FittedModel, progress: Watch) -> tuple[Case, Selection]:
     """The selection of effects on the path of free fall beside the chaser, or on a straight one where that explains more:
     then one of the two is held in its place, or the record was made so."""
-    from massprops.diagnosis.search.acceptance import explained
-    from massprops.diagnosis.search.moment import EVIDENCE
+    from massprops.diagnosis.search.acceptance import PATH_PREDICTS, explained
+    from massprops.diagnosis.search.event_time import EVIDENCE
     from massprops.diagnosis.search.refit import refit
     from massprops.diagnosis.search.stepwise import lean
     from massprops.dynamics.environment import EnvironmentModel
 
-    if not case.environment.falls or not len(case.fitted.uv) or (explained(base) and not base.held > PREDICTS):
+    if not case.environment.falls or not len(case.fitted.uv) or (explained(base) and not base.held > PATH_PREDICTS):
         return case, _selected(case, base, progress)
     said = (
         "the target moves straight and not as in free fall beside the chaser, so a straight path is used; check the orbit in "
@@ -258,7 +256,7 @@ def _on_some_path(case: Case, base: Scored, progress: Watch) -> tuple[Case, Sele
     begun = replace(best.fit.state, points=other_base.fit.state.points)
     # an effect that stood for the wrong path is idle on the right one
     same = lean(other, refit(other, begun, best.added, against=best.fit.cost))
-    if explained(best) and not best.held > PREDICTS:
+    if explained(best) and not best.held > PATH_PREDICTS:
         if explained(same) and same.bic < best.bic - EVIDENCE:
             return other, replace(found, base=other_base, best=same)
         return case, found
@@ -269,13 +267,13 @@ def _on_some_path(case: Case, base: Scored, progress: Watch) -> tuple[Case, Sele
     return (other, again) if (again.best or other_base).bic < best.bic else (case, found)
 
 
-def _selected(case: Case, base: Scored, progress: Watch) -> Selection:
+def _selected(case: Case, base: FittedModel, progress: Watch) -> Selection:
     found = _selected_unless(None, case, base, progress)
     assert found is not None
     return found
 
 
-def _selected_unless(other: Case | None, case: Case, base: Scored, progress: Watch) -> Selection | None:
+def _selected_unless(other: Case | None, case: Case, base: FittedModel, progress: Watch) -> Selection | None:
     """The selection of effects; None where one alone explains more in the `other` case."""
     from massprops.diagnosis.search.select import select
 
@@ -285,7 +283,7 @@ def _selected_unless(other: Case | None, case: Case, base: Scored, progress: Wat
     return select(case, base, progress, violated, other)
 
 
-def _judged(case: Case, base: Scored, assumed: np.ndarray) -> tuple[Scored, bool]:
+def _judged(case: Case, base: FittedModel, assumed: np.ndarray) -> tuple[FittedModel, bool]:
     """The base model with its inertia held at what is assumed, when the data contradict that assumption: as it is where
     that leads astray."""
     from massprops.diagnosis.search.assumed import contradicts
@@ -373,7 +371,7 @@ AXES = {
 """What parameters in body axes refer to."""
 
 
-def whole_inertia(s: Scored) -> np.ndarray:
+def whole_inertia(s: FittedModel) -> np.ndarray:
     """(3, 3) inertia at the start of the record with what effects change of it, mean moment 1."""
     from massprops.dynamics.rotation import inertia_at_start
 
@@ -382,11 +380,11 @@ def whole_inertia(s: Scored) -> np.ndarray:
     return 3.0 * inertia / np.trace(inertia)
 
 
-def _corrected(base: Scored, after: Scored) -> dict[str, Any]:
+def _corrected(base: FittedModel, after: FittedModel) -> dict[str, Any]:
     return corrected(*((whole_inertia(s), s.fit.state.w0) for s in (base, after)))
 
 
-def _entries(model: Scored, s: Selection) -> list[dict[str, Any]]:
+def _entries(model: FittedModel, s: Selection) -> list[dict[str, Any]]:
     """One entry for each effect of a model, with what that effect alone is worth."""
     out = []
     for a in model.added:
@@ -415,7 +413,7 @@ def _shown(
     return {n: v for n, v, _ in told}, {n: e for n, _, e in told}
 
 
-def _entry(model: Scored, s: Selection, without: Scored | None = None) -> dict[str, Any]:
+def _entry(model: FittedModel, s: Selection, without: FittedModel | None = None) -> dict[str, Any]:
     base = without or s.base
     parameters: dict[str, float | None] = {}
     sigma: dict[str, float | None] = {}
@@ -465,7 +463,7 @@ def _separates(case: Case, names: list[str]) -> str:
     return "A longer record or a second sensor (range, body rates) would separate them."
 
 
-def _model(base: Scored, best: Scored) -> dict[str, Any]:
+def _model(base: FittedModel, best: FittedModel) -> dict[str, Any]:
     from massprops.model import document_of
 
     state = best.fit.state

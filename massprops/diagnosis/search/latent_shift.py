@@ -15,7 +15,7 @@ from massprops.diagnosis.evidence import Block, solve
 from massprops.diagnosis.hypothesis import TORQUE_KNOTS
 from massprops.diagnosis.latent_torque import factor, hats, matern
 from massprops.diagnosis.search.case import Case
-from massprops.diagnosis.search.refit import Scored
+from massprops.diagnosis.search.refit import FittedModel
 from massprops.model.linearise import linearise
 
 LENGTHS = (0.05, 0.1, 0.2, 0.4, 0.8)
@@ -34,7 +34,7 @@ class Shift:
     rms_px: float
 
 
-def latent_shift(case: Case, s: Scored) -> Shift | None:
+def latent_shift(case: Case, s: FittedModel) -> Shift | None:
     """The likeliest shift of the images beside a fitted model; None without tracks."""
     m = case.fitted
     if not len(m.uv):

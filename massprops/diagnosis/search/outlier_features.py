@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from massprops.diagnosis.search.case import Case, without_features
-from massprops.diagnosis.search.refit import Scored, refit
+from massprops.diagnosis.search.refit import FittedModel, refit
 from massprops.estimators.batch.start import place_points
 
 THROWN = 0.3
@@ -16,7 +16,7 @@ MOST = 0.4
 """Share of the features beyond which the fit is wrong, not they."""
 
 
-def without_outlier_features(case: Case, base: Scored) -> tuple[Case, Scored]:
+def without_outlier_features(case: Case, base: FittedModel) -> tuple[Case, FittedModel]:
     """The base model with its misplaced features placed anew by the motion found, or without them.
 
     A point far from its place has all its tracks gated out, and nothing then moves it back.
@@ -36,7 +36,7 @@ def without_outlier_features(case: Case, base: Scored) -> tuple[Case, Scored]:
     return fewer, refit(fewer, base.fit.state, (), most=40)
 
 
-def _thrown_out(case: Case, base: Scored) -> np.ndarray:
+def _thrown_out(case: Case, base: FittedModel) -> np.ndarray:
     """(m,) which features are wrong; none when too many seem to be."""
     m = case.fitted
     count = case.first.observed.shape[2]

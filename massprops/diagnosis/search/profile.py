@@ -8,7 +8,7 @@ from types import ModuleType
 import numpy as np
 
 from massprops.diagnosis.search.case import Case
-from massprops.diagnosis.search.refit import POLISH, Scored, refit, with_value
+from massprops.diagnosis.search.refit import POLISH, FittedModel, refit, with_value
 from massprops.diagnosis.search.residual_statistics import count
 from massprops.effects import places_of
 
@@ -18,7 +18,7 @@ MOST = 8
 """Paces tried on either side."""
 
 
-def profiled(case: Case, s: Scored) -> Scored:
+def profiled(case: Case, s: FittedModel) -> FittedModel:
     """The fit with 1-sigma of its effects' parameters no smaller than they move until chi-square has risen by one, as a
     pace is held ever slower, and ever faster (profile likelihood, Venzon and Moolgavkar 1988).
 
@@ -38,7 +38,7 @@ def profiled(case: Case, s: Scored) -> Scored:
     return replace(s, sigma=sigma)
 
 
-def _until_worse(case: Case, s: Scored, effect: ModuleType, place: int, factor: float) -> dict[str, np.ndarray]:
+def _until_worse(case: Case, s: FittedModel, effect: ModuleType, place: int, factor: float) -> dict[str, np.ndarray]:
     """How far the parameters of the effects, but for moments, have moved when chi-square has risen by one."""
     at, rise = s, 0.0
     for _ in range(MOST):

@@ -10,10 +10,10 @@ import numpy as np
 from massprops.diagnosis.search.case import Case
 from massprops.diagnosis.search.residual_statistics import count, mean_square, whiteness
 from massprops.effects import effects, searched
-from massprops.estimators.batch.solve import Fit, Search, believed, covariance_of, fit
+from massprops.estimators.batch.solve import Fit, Search, covariance_of, fit, prior_residuals
 from massprops.model import Model
 from massprops.model.linearise import residuals
-from massprops.model.state import BatchState
+from massprops.model.state import BODY_SIZE, BatchState
 
 MOST_ITERATIONS = 25
 IDLE = 0.3
@@ -43,7 +43,7 @@ class Added:
 
 
 @dataclass(frozen=True)
-class Scored:
+class FittedModel:
     """A fitted model.
 
     Attributes:
@@ -93,7 +93,7 @@ def with_value(state: BatchState, effect: ModuleType, place: int, value: float) 
 
 
 def start_values(case: Case, effect: ModuleType) -> list[np.ndarray]:
-    """Parameter vectors to begin a search with: the effect's own, or zero."""
+    """Parameter vectors (k,) to begin a search with: the effect's own, or zero."""
     offered = effect.starts(case.span, case.speed) if hasattr(effect, "starts") else [np.zeros(len(effect.PARAMETERS))]
     out = []
     for values in offered:
@@ -129,22 +129,22 @@ def refit(
     against: float = np.inf,
     idle: float = IDLE,
     hold: str = "",
-) -> Scored:
+) -> FittedModel:
     """Fits a model from a state that has its effects; `against`, `idle` as in `batch.solve.Search`, `hold` as in `free_of`."""
     free = free_of(case, start, added, hold)
     with np.errstate(all="ignore"):
         # wild trial steps overflow; the search turns back from them by itself
         search = Search(most, idle=idle, against=against)
         found = fit(case.problem, case.fitted, start, case.environment, free, case.inertia_prior, search)
-    return scored(case, found, added)
+    return fitted_model(case, found, added)
 
 
-def scored(case: Case, found: Fit, added: tuple[Added, ...]) -> Scored:
+def fitted_model(case: Case, found: Fit, added: tuple[Added, ...]) -> FittedModel:
     """What a fit is worth."""
     r = found.residuals
     n = count(r)
     ms = mean_square(r)
-    value, _ = believed(found.state, case.inertia_prior)
+    value, _ = prior_residuals(found.state, case.inertia_prior)
     unit = found.unit
     parameters = int(np.linalg.matrix_rank(unit, tol=1e-10)) if np.isfinite(unit).all() else len(unit)
     spent = parameters + sum(a.given or 0.0 for a in added)
@@ -152,7 +152,7 @@ def scored(case: Case, found: Fit, added: tuple[Added, ...]) -> Scored:
     held = residuals(case.problem, case.held, found.predicted)
     usable = bool(np.isfinite(found.information).all() and np.isfinite(found.cost))
     covariance = covariance_of(found) if usable else np.full((len(found.free),) * 2, np.inf)
-    sigma, at = {}, 17
+    sigma, at = {}, BODY_SIZE
     implausible = ""
     for module, values in zip(found.state.model.modules, found.state.model.values, strict=True):
         own = np.sqrt(np.diag(covariance))[at : at + len(values)]
@@ -163,15 +163,15 @@ def scored(case: Case, found: Fit, added: tuple[Added, ...]) -> Scored:
         at += len(values)
         sigma[module.NAME] = own
         implausible = implausible or _implausible(module, values, own, case)
-    return Scored(
-        added,
-        found,
-        float(np.sqrt(ms)),
-        float(np.sqrt(mean_square(held))) if case.held.count else float("nan"),
-        whiteness(r, case.fitted, case.problem.rate_memory),
-        float(bic) if usable and np.isfinite(bic) else np.inf,
-        sigma,
-        implausible,
+    return FittedModel(
+        added=added,
+        fit=found,
+        fitted=float(np.sqrt(ms)),
+        held=float(np.sqrt(mean_square(held))) if case.held.count else float("nan"),
+        white=whiteness(r, case.fitted, case.problem.rate_memory),
+        bic=float(bic) if usable and np.isfinite(bic) else np.inf,
+        sigma=sigma,
+        implausible=implausible,
     )
 
 

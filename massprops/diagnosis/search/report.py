@@ -15,7 +15,7 @@ from massprops.model.measurements import Measurements
 from massprops.report.html import Safe, number, table, text
 from massprops.report.page import of_sections
 from massprops.report.plot import plot
-from massprops.report.svg import dot, drawing, line
+from massprops.report.svg import dot, drawing, line, pane
 
 BINS = 120
 ARROWS = 14
@@ -164,7 +164,7 @@ def _arrows(d: Diagnosis) -> str:
     width, height = 560.0, 560.0 * float(high[1] - low[1]) / max(float(high[0] - low[0]), 1e-9)
     height = float(np.clip(height, 120, 700))
     side = np.array([width, height]) / ARROWS
-    parts = [f'<rect class="pane" width="{width:.0f}" height="{height:.0f}"/>']
+    parts = [pane(0, 0, width, height)]
     for mean, colour in zip(means, ("#c0392b", "#27ae60"), strict=True):
         for k in np.flatnonzero(count >= 5):
             x, y = (np.array(divmod(int(k), ARROWS)) + 0.5) * side

@@ -10,7 +10,7 @@ from massprops.model.measurements import Measurements
 TRIMMED = 0.02
 """Share of the largest residuals that never counts: wrong tracks."""
 WHITE = 4.0
-"""Score of the correlation between neighbours beyond which residuals have structure."""
+"""ScoreTest of the correlation between neighbours beyond which residuals have structure."""
 
 
 def _parts(r: Residuals) -> list[tuple[np.ndarray, int]]:
@@ -22,7 +22,7 @@ def _parts(r: Residuals) -> list[tuple[np.ndarray, int]]:
 
 
 def trimmed(squares: np.ndarray, dimension: int) -> float:
-    """Mean square per scalar without the largest, corrected so that normal noise gives 1."""
+    """Mean of squares (n,) of vectors per scalar without the largest, corrected so that normal noise gives 1."""
     from scipy.special import chdtr, gammaincinv  # scipy.stats takes a second to load
 
     if len(squares) < 20:
@@ -50,7 +50,7 @@ def count(r: Residuals) -> int:
 
 
 def whiteness(r: Residuals, m: Measurements, rate_memory: int = 1) -> float:
-    """Score of the correlation between neighbouring residuals of the same sensor: standard normal for white noise.
+    """ScoreTest of the correlation between neighbouring residuals of the same sensor: standard normal for white noise.
 
     Tracks are compared along time within a camera and feature. Residuals are taken relative to their own size, so a
     wrongly stated noise does not count as structure.

@@ -1,4 +1,4 @@
-"""Score tests: what an effect would be worth beside a model, from gradient and curvature, without a fit.
+"""ScoreTest tests: what an effect would be worth beside a model, from gradient and curvature, without a fit.
 
 Effects that change nothing at the values where they are tried leave the model's motion as it is, so many of them stand
 in one linearisation, and the equations of each are a part of those of all.
@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 
 from massprops.diagnosis.search.case import Case
-from massprops.diagnosis.search.refit import Added, Scored
+from massprops.diagnosis.search.refit import Added, FittedModel
 from massprops.effects import changes_motion, searched
 from massprops.estimators.batch.solve import reduced_equations, robust
 from massprops.model import Model
 from massprops.model.linearise import linearise, predict, residuals
+from massprops.model.state import BODY_SIZE
 
 MOST_TOGETHER = 160
 """Parameters of the effects in one linearisation."""
@@ -25,7 +26,7 @@ HELD = ("time", "pace")
 
 
 @dataclass(frozen=True)
-class Score:
+class ScoreTest:
     """A candidate: gain, by how much chi-square would fall, to second order; values: its parameters after that step."""
 
     added: Added
@@ -35,8 +36,8 @@ class Score:
 
 
 def score_tests(
-    case: Case, upon: Scored, candidates: list[tuple[Added, np.ndarray]], instead_of: str = ""
-) -> list[Score]:
+    case: Case, upon: FittedModel, candidates: list[tuple[Added, np.ndarray]], instead_of: str = ""
+) -> list[ScoreTest]:
     """The gain of each candidate, an effect with parameters to begin with, beside a fitted model; in the same order.
 
     Args:
@@ -56,7 +57,7 @@ def score_tests(
             else:
                 groups.append(groups[0])
                 groups[0] = [i]
-        out: dict[int, Score] = {}
+        out: dict[int, ScoreTest] = {}
         for group in groups:
             together = [candidates[i] for i in group]
             out.update(zip(group, _scored_together(case, upon, together, weights, cost, instead_of), strict=True))
@@ -71,12 +72,12 @@ def _idle(added: Added, values: np.ndarray) -> bool:
 
 def _scored_together(
     case: Case,
-    upon: Scored,
+    upon: FittedModel,
     candidates: list[tuple[Added, np.ndarray]],
     weights: np.ndarray,
     cost: float,
     instead_of: str,
-) -> list[Score]:
+) -> list[ScoreTest]:
     if not candidates:
         return []
     old = upon.fit.state.model
@@ -93,9 +94,9 @@ def _scored_together(
         entries.append((added.effect, values, moves, k))
     entries.sort(key=lambda e: not changes_motion(e[0]))
     timed = [[q.kind == "time" for q in m.PARAMETERS] for m, *_ in entries]
-    owner = np.concatenate([np.full(17, -1), *(np.full(len(v), k) for _, v, _, k in entries)])
+    owner = np.concatenate([np.full(BODY_SIZE, -1), *(np.full(len(v), k) for _, v, _, k in entries)])
     free = np.concatenate([case.first.free, *(m for *_, m, _ in entries)]).astype(bool)
-    free[17:] &= ~np.concatenate(timed)
+    free[BODY_SIZE:] &= ~np.concatenate(timed)
     trial = replace(upon.fit.state, model=Model(tuple(m for m, *_ in entries), tuple(v for _, v, *_ in entries)))
     at = predict(case.problem, trial, case.environment)
     linear = linearise(case.problem, case.scored, at, case.environment)
@@ -106,7 +107,7 @@ def _scored_together(
     base, _ = _solved(reduced.H, reduced.full, reduced.b, owner < 0)
     # an effect that goes takes a given step: what that does to chi-square, and to the gradient of the others
     goes = owner == -2
-    step = -np.concatenate([np.zeros(17), *(v for _, v, *_ in entries)])[free][goes]
+    step = -np.concatenate([np.zeros(BODY_SIZE), *(v for _, v, *_ in entries)])[free][goes]
     b = reduced.b - reduced.H[:, goes] @ step
     worse -= float((reduced.b[goes] + b[goes]) @ step)
     out = []
@@ -117,7 +118,7 @@ def _scored_together(
         moved[own] += step[owner[(owner == -1) | (owner == k)] == k]
         gain = (gain - base - worse) * share
         good = np.isfinite(gain) and np.isfinite(moved).all()
-        out.append(Score(added, float(gain) if good else 0.0, np.array(values, float), moved if good else values))
+        out.append(ScoreTest(added, float(gain) if good else 0.0, np.array(values, float), moved if good else values))
     return out
 
 

@@ -22,10 +22,10 @@ from massprops.diagnosis.search.assumed import DENSITY, contradicts, density_wit
 from massprops.diagnosis.search.by_balance import ByBalance, fits_by_balance
 from massprops.diagnosis.search.candidate_fits import FEWEST_FITS, FITS_OF_A_PAIR, Watch, fit_candidates
 from massprops.diagnosis.search.case import Case
+from massprops.diagnosis.search.event_time import EVIDENCE, best_event_time, between_epochs, moves_at_once
 from massprops.diagnosis.search.latent_shift import Shift, latent_shift
-from massprops.diagnosis.search.moment import EVIDENCE, best_moment, between_epochs, moves_at_once
 from massprops.diagnosis.search.profile import profiled
-from massprops.diagnosis.search.refit import MOST_ITERATIONS, POLISH, Added, Scored, near, refit, with_effects
+from massprops.diagnosis.search.refit import MOST_ITERATIONS, POLISH, Added, FittedModel, near, refit, with_effects
 from massprops.diagnosis.search.residual_statistics import count, mean_square
 from massprops.diagnosis.search.score import score_tests
 from massprops.diagnosis.search.stepwise import stepwise
@@ -64,10 +64,10 @@ class Selection:
         verdict: none, named, ambiguous or unexplained. shift: of the images, where it is as likely as the effects of the best.
     """
 
-    base: Scored
-    tried: list[Scored] = field(default_factory=list)
-    best: Scored | None = None
-    rivals: list[Scored] = field(default_factory=list)
+    base: FittedModel
+    tried: list[FittedModel] = field(default_factory=list)
+    best: FittedModel | None = None
+    rivals: list[FittedModel] = field(default_factory=list)
     skipped: dict[str, str] = field(default_factory=dict)
     verdict: str = "none"
     shift: Shift | None = None
@@ -83,21 +83,21 @@ class _Course:
     """
 
     case: Case
-    base: Scored
+    base: FittedModel
     watch: Watch
     usable: list[ModuleType]
     out: Selection
-    first: list[Scored]
-    longer: list[Scored] = field(default_factory=list)
-    good: list[Scored] = field(default_factory=list)
+    first: list[FittedModel]
+    longer: list[FittedModel] = field(default_factory=list)
+    good: list[FittedModel] = field(default_factory=list)
 
-    def join(self, found: list[Scored]) -> None:
+    def join(self, found: list[FittedModel]) -> None:
         """Takes those of some fits that may be named among the good ones."""
         self.good = sorted([*self.good, *(s for s in found if acceptable(s, self.base))], key=lambda s: s.bic)
 
     def lengthen(self, modules: list[ModuleType]) -> None:
         """Longer forms of some effects, until one explains the data."""
-        found: list[Scored] = []
+        found: list[FittedModel] = []
         for module in modules:
             found += _longer_forms(self.case, self.base, module, self.first, self.watch)
             if any(explained(s) and acceptable(s, self.base) for s in found):
@@ -141,13 +141,13 @@ class _Course:
                 break
             least = min(least, *(p.fit.cost for p in pairs)) if pairs else least
 
-    def _needed(self, pairs: list[Scored]) -> list[Scored]:
+    def _needed(self, pairs: list[FittedModel]) -> list[FittedModel]:
         return [p for p in pairs if acceptable(p, self.base) and all_needed(p, [*self.first, *self.longer])]
 
 
 def select(
     case: Case,
-    base: Scored,
+    base: FittedModel,
     watch: Watch = lambda what, done, total: None,
     violated: bool = False,
     other: Case | None = None,
@@ -218,7 +218,7 @@ def _more_than_one(course: _Course, violated: bool) -> None:
         course.lengthen(far)
 
 
-def _beside(s: Scored, usable: list[ModuleType]) -> list[ModuleType]:
+def _beside(s: FittedModel, usable: list[ModuleType]) -> list[ModuleType]:
     """What may act beside a fit where neither an effect on the motion nor two of them explain the attitudes: one of the two is the
     sensors', which bends the attitudes as well."""
     if any(not changes_motion(a.effect) for a in s.added):
@@ -245,7 +245,9 @@ def _usable(case: Case) -> tuple[list[ModuleType], dict[str, str]]:
     return usable, skipped
 
 
-def _singles(case: Case, base: Scored, usable: list[ModuleType], watch: Watch, violated: bool) -> list[Scored]:
+def _singles(
+    case: Case, base: FittedModel, usable: list[ModuleType], watch: Watch, violated: bool
+) -> list[FittedModel]:
     """Fits of one effect, the best first."""
     first = fit_candidates(case, base, usable, FEWEST_FITS, watch, "one effect")
     if violated and not any(DENSITY in s.names for s in first):
@@ -258,7 +260,7 @@ def _singles(case: Case, base: Scored, usable: list[ModuleType], watch: Watch, v
     return first
 
 
-def _concluded(case: Case, base: Scored, good: list[Scored], out: Selection) -> Selection:
+def _concluded(case: Case, base: FittedModel, good: list[FittedModel], out: Selection) -> Selection:
     """The verdict on what may be named, the best first."""
     done = [s for s in good if explained(s)] or [s for s in good if fits(s)][:1]
     while done and not _constant(case, done[0]):
@@ -281,12 +283,12 @@ def _concluded(case: Case, base: Scored, good: list[Scored], out: Selection) -> 
     return out
 
 
-def _to_the_end(case: Case, s: Scored) -> Scored:
+def _to_the_end(case: Case, s: FittedModel) -> FittedModel:
     """The model chosen, searched until nothing is gained: its parameters are what is told."""
     return profiled(case, refit(case, s.fit.state, s.added, most=4 * MOST_ITERATIONS, idle=0.1 * POLISH))
 
 
-def _on_all(case: Case, s: Scored) -> Scored:
+def _on_all(case: Case, s: FittedModel) -> FittedModel:
     """The model fitted to the held-out data as well: a right model whose parameters the fitted data leave open predicts
     badly, but explains all."""
     keep = np.zeros_like(case.first.observed)
@@ -296,7 +298,7 @@ def _on_all(case: Case, s: Scored) -> Scored:
     return refit(replace(case, fitted=every), s.fit.state, s.added)
 
 
-def _constant(case: Case, s: Scored) -> bool:
+def _constant(case: Case, s: FittedModel) -> bool:
     """Whether the held-out data join a model's fit without spoiling it (Chow 1960): a right model whose parameters the
     fitted data leave open predicts badly, but stays right.
 
@@ -319,7 +321,7 @@ def _constant(case: Case, s: Scored) -> bool:
     return bool(rise * mean / spread < chdtri(mean**2 / spread, SPOILS) and (fits(whole) or not fits(s)))
 
 
-def _decided(case: Case, done: list[Scored]) -> tuple[Scored, list[Scored]]:
+def _decided(case: Case, done: list[FittedModel]) -> tuple[FittedModel, list[FittedModel]]:
     """The best of the models that explain the fitted data, and its rivals: where BIC does not decide, by all the data."""
     models = distinct(done)
     close = [s for s in models if s.bic - models[0].bic < EVIDENCE and len(s.added) == len(models[0].added)]
@@ -330,7 +332,7 @@ def _decided(case: Case, done: list[Scored]) -> tuple[Scored, list[Scored]]:
     return close[0], [s for s in close[1:] if bic[s.names] - bic[close[0].names] < CLOSE]
 
 
-def _rivals_of(models: list[Scored]) -> list[Scored]:
+def _rivals_of(models: list[FittedModel]) -> list[FittedModel]:
     """Other explanations as good as the first: not the same with something idle besides."""
     best = models[0]
     return [
@@ -340,7 +342,7 @@ def _rivals_of(models: list[Scored]) -> list[Scored]:
     ]
 
 
-def _explains_more(other: Case, base: Scored, first: list[Scored]) -> bool:
+def _explains_more(other: Case, base: FittedModel, first: list[FittedModel]) -> bool:
     """Whether an effect alone explains more in another case than the best does here."""
     good = [s for s in first if acceptable(s, base)]
     if not good or adequate(good[0]):
@@ -350,7 +352,7 @@ def _explains_more(other: Case, base: Scored, first: list[Scored]) -> bool:
     return any(t.bic < good[0].bic - EVIDENCE for t in tried)
 
 
-def _beam(good: list[Scored]) -> list[Scored]:
+def _beam(good: list[FittedModel]) -> list[FittedModel]:
     """The models that a second effect is tried beside: the best, and the best of those without a moment, as an effect that
     begins at any time can follow much that it is not."""
     models = distinct(good)
@@ -360,7 +362,7 @@ def _beam(good: list[Scored]) -> list[Scored]:
 
 
 def _nearness(
-    case: Case, first: list[Scored], base: Scored, modules: list[ModuleType]
+    case: Case, first: list[FittedModel], base: FittedModel, modules: list[ModuleType]
 ) -> tuple[list[ModuleType], list[ModuleType]]:
     """The effects whose simple form explains about as much as any other's, and the rest that may be worth more.
 
@@ -382,12 +384,14 @@ def _nearness(
     return leading, far
 
 
-def _longer_forms(case: Case, base: Scored, module: ModuleType, singles: list[Scored], watch: Watch) -> list[Scored]:
+def _longer_forms(
+    case: Case, base: FittedModel, module: ModuleType, singles: list[FittedModel], watch: Watch
+) -> list[FittedModel]:
     """Fits of an effect's longer forms, from its simple form and from its own starts with the best score."""
     out = []
     if moves_at_once(module):
         # before more is let in: the simple form at the moment that suits it best
-        out = [best_moment(case, s) for s in singles if s.names == (module.NAME,)]
+        out = [best_event_time(case, s) for s in singles if s.names == (module.NAME,)]
         singles = out
         if any(explained(s) for s in out):
             return out
@@ -412,5 +416,5 @@ def _longer_forms(case: Case, base: Scored, module: ModuleType, singles: list[Sc
         small = case.fitted.count <= SMALL
         least = np.inf if small else near(min((s.fit.cost for s in singles), default=np.inf))
         refitted = [refit(case, state, added, most=40 if small else 20, against=least) for state in states]
-        out += [s if explained(s) else best_moment(case, s) for s in refitted]
+        out += [s if explained(s) else best_event_time(case, s) for s in refitted]
     return out

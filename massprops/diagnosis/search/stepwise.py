@@ -8,13 +8,14 @@ from types import ModuleType
 import numpy as np
 
 from massprops.diagnosis.search.acceptance import WORSE, explained, penalised_bic
-from massprops.diagnosis.search.assumed import DENSITY, believing, with_mass
+from massprops.diagnosis.search.assumed import DENSITY, with_assumed_inertia, with_mass
 from massprops.diagnosis.search.candidate_fits import FITS_OF_A_PAIR, Watch, fit_candidates
 from massprops.diagnosis.search.case import Case
-from massprops.diagnosis.search.moment import EVIDENCE, best_moment
-from massprops.diagnosis.search.refit import MOST_ITERATIONS, POLISH, Added, Scored, near, refit, with_effects
+from massprops.diagnosis.search.event_time import EVIDENCE, best_event_time
+from massprops.diagnosis.search.refit import MOST_ITERATIONS, POLISH, Added, FittedModel, near, refit, with_effects
 from massprops.diagnosis.search.residual_statistics import count
 from massprops.effects import has_pace, searched
+from massprops.model.state import BODY_SIZE
 
 MOST_EFFECTS = 2
 """Effects at once that are sought; a third stands beside them only until one of the three is idle."""
@@ -22,15 +23,19 @@ EXCHANGES = 2
 """Effects that are fitted in place of each of two."""
 
 
-def stepwise(case: Case, start: Scored, usable: list[ModuleType], watch: Watch) -> list[Scored]:
+def stepwise(case: Case, start: FittedModel, usable: list[ModuleType], watch: Watch) -> list[FittedModel]:
     """Models on the way from `start` to one beside which no effect is worth its parameters, and what comes near that.
 
     Each step adds the effect that explains most of what is left, then takes away the one that became idle: what was
     chosen first, to stand for two effects, gives way when both are there. At the end each of two is exchanged for others.
     """
-    found = [believing(case, best_moment(case, refit(case, start.fit.state, start.added, idle=POLISH), far=False))]
+    found = [
+        with_assumed_inertia(
+            case, best_event_time(case, refit(case, start.fit.state, start.added, idle=POLISH), far=False)
+        )
+    ]
 
-    def follow(s: Scored) -> None:
+    def follow(s: FittedModel) -> None:
         if s is not found[-1]:
             found.append(s)
 
@@ -42,8 +47,8 @@ def stepwise(case: Case, start: Scored, usable: list[ModuleType], watch: Watch) 
         if plain is not None and plain.bic < found[-1].bic and _may_follow(plain, found[-1]):
             found.append(plain)
     if len(found) > 1:
-        follow(best_moment(case, found[-1], far=False))
-        follow(_best_pace(case, found[-1], watch))
+        follow(best_event_time(case, found[-1], far=False))
+        follow(_best_rate_constant(case, found[-1], watch))
     at = found[-1]
     if len(at.added) > MOST_EFFECTS:
         fewer = min((_without(case, at, a, against=near(at.fit.cost)) for a in at.added), key=penalised_bic)
@@ -54,7 +59,7 @@ def stepwise(case: Case, start: Scored, usable: list[ModuleType], watch: Watch) 
     return found
 
 
-def lean(case: Case, at: Scored) -> Scored:
+def lean(case: Case, at: FittedModel) -> FittedModel:
     """The model without an effect that is idle beside the others: chosen beside a poor fit of another, which then found its
     place."""
     for a in at.added if len(at.added) > 1 else ():
@@ -65,14 +70,14 @@ def lean(case: Case, at: Scored) -> Scored:
     return at
 
 
-def _needed(s: Scored, a: Added) -> float:
+def _needed(s: FittedModel, a: Added) -> float:
     """By how much chi-square would rise without an effect, to second order (Wald's test)."""
-    own, at = np.zeros(len(s.fit.free), bool), 17
+    own, at = np.zeros(len(s.fit.free), bool), BODY_SIZE
     for module in s.fit.state.model.modules:
         for i, q in enumerate(module.PARAMETERS):
             own[at + i] = module is a.effect and q.kind == "number"
         at += len(module.PARAMETERS)
-    values = np.concatenate([np.zeros(17), *s.fit.state.model.values])[s.fit.free]
+    values = np.concatenate([np.zeros(BODY_SIZE), *s.fit.state.model.values])[s.fit.free]
     own = own[s.fit.free]
     H, v = s.fit.unit, (values * s.fit.scale)[own]
     across = H[np.ix_(own, ~own)]
@@ -80,13 +85,13 @@ def _needed(s: Scored, a: Added) -> float:
     return float(v @ left @ v)
 
 
-def _grown(case: Case, at: Scored, usable: list[ModuleType], watch: Watch) -> Scored | None:
+def _grown(case: Case, at: FittedModel, usable: list[ModuleType], watch: Watch) -> FittedModel | None:
     """The next model with one effect more, or with another: mass that a contradicted inertia asks for comes first."""
     mass = with_mass(case, at, usable) if len(at.added) <= MOST_EFFECTS else None
     return mass or _step(case, at, usable, watch)
 
 
-def _step(case: Case, at: Scored, usable: list[ModuleType], watch: Watch) -> Scored | None:
+def _step(case: Case, at: FittedModel, usable: list[ModuleType], watch: Watch) -> FittedModel | None:
     """The model with another effect, or with that in place of one of its own; None where neither is worth it."""
     what = f"beside {' + '.join(at.names)}"
     larger = fit_candidates(case, at, _rest(at, usable), FITS_OF_A_PAIR, watch, what, pays=True, against=at.fit.cost)
@@ -98,7 +103,7 @@ def _step(case: Case, at: Scored, usable: list[ModuleType], watch: Watch) -> Sco
     return min(better, key=penalised_bic) if better else None
 
 
-def _best_pace(case: Case, at: Scored, watch: Watch) -> Scored:
+def _best_rate_constant(case: Case, at: FittedModel, watch: Watch) -> FittedModel:
     """The model, or one with the pace of an effect sought anew: from slow to fast the valley of the misfit is so long and
     bent that a search begun beside a poor fit of another effect rests far from its lowest place."""
     for a in at.added:
@@ -109,9 +114,9 @@ def _best_pace(case: Case, at: Scored, watch: Watch) -> Scored:
     return at
 
 
-def _exchanged(case: Case, at: Scored, usable: list[ModuleType], watch: Watch) -> list[Scored]:
+def _exchanged(case: Case, at: FittedModel, usable: list[ModuleType], watch: Watch) -> list[FittedModel]:
     """Models with another effect in place of one, sought from the motion that both found together, best first."""
-    out: list[Scored] = []
+    out: list[FittedModel] = []
     for a in at.added:
         rest = _without(case, at, a, most=0)
         what = f"in place of {a.name}"
@@ -119,16 +124,16 @@ def _exchanged(case: Case, at: Scored, usable: list[ModuleType], watch: Watch) -
     return sorted((s for s in out if _may_follow(s, at)), key=lambda s: s.bic)
 
 
-def _may_follow(s: Scored, at: Scored) -> bool:
+def _may_follow(s: FittedModel, at: FittedModel) -> bool:
     return not s.implausible and not s.held > at.held + WORSE
 
 
-def _rest(at: Scored, usable: list[ModuleType]) -> list[ModuleType]:
+def _rest(at: FittedModel, usable: list[ModuleType]) -> list[ModuleType]:
     """Effects that a score test can add: not what only a contradicted inertia speaks for."""
     return [m for m in usable if m.NAME not in at.names and m.NAME != DENSITY]
 
 
-def _simpler(case: Case, s: Scored, a: Added) -> Scored:
+def _simpler(case: Case, s: FittedModel, a: Added) -> FittedModel:
     """The model with one effect in its simplest form: the longer was wanted while another effect was not there."""
     added = tuple(replace(b, form=0) if b is a else b for b in s.added)
     kept = [
@@ -137,6 +142,8 @@ def _simpler(case: Case, s: Scored, a: Added) -> Scored:
     return refit(case, with_effects(s.fit.state, added, {a.name: np.array(kept)}), added)
 
 
-def _without(case: Case, s: Scored, idle: Added, most: int = MOST_ITERATIONS, against: float = np.inf) -> Scored:
+def _without(
+    case: Case, s: FittedModel, idle: Added, most: int = MOST_ITERATIONS, against: float = np.inf
+) -> FittedModel:
     added = tuple(a for a in s.added if a is not idle)
     return refit(case, with_effects(s.fit.state, added, {}), added, most, against=against)

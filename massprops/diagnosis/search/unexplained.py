@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 
 from massprops.diagnosis.search.case import Case
-from massprops.diagnosis.search.refit import Scored
+from massprops.diagnosis.search.refit import FittedModel
 from massprops.diagnosis.search.residual_statistics import mean_square
 from massprops.dynamics.quaternion import rotate, rotation_matrix
 from massprops.effects import Parameter
 from massprops.estimators.batch.solve import InertiaPrior, Search, covariance_of, fit
 from massprops.model import Model
+from massprops.model.state import BODY_SIZE, INERTIA
 
 MOST_KNOTS = 32
 FEWEST_KNOTS = 4
@@ -45,7 +46,7 @@ def torque_effect(knots: np.ndarray) -> Any:
     )
 
 
-def recovered_torque(case: Case, base: Scored) -> dict[str, Any]:
+def recovered_torque(case: Case, base: FittedModel) -> dict[str, Any]:
     """The torque that would explain the base model's residuals.
 
     The inertia stays as the base model has it: a free torque could stand for any inertia.
@@ -61,11 +62,13 @@ def recovered_torque(case: Case, base: Scored) -> dict[str, Any]:
     state = base.fit.state
     start = replace(state, model=Model((effect,), (np.zeros(3 * count),)))
     free = np.concatenate([case.first.free, np.ones(3 * count, bool)])
-    free[12:17] = False
+    free[INERTIA] = False
     found = fit(case.problem, case.fitted, start, case.environment, free, InertiaPrior(), Search(most=12))
     torque = found.state.model.values[0].reshape(-1, 3)
     usable = bool(np.isfinite(found.information).all())
-    variance = np.diag(covariance_of(found))[17 : 17 + 3 * count] if usable else np.full(3 * count, np.inf)
+    variance = (
+        np.diag(covariance_of(found))[BODY_SIZE : BODY_SIZE + 3 * count] if usable else np.full(3 * count, np.inf)
+    )
     sigma = np.sqrt(np.maximum(variance, 0.0)).reshape(-1, 3)
     shown = sigma.max(axis=1) < WIDEST * max(float(np.abs(torque).max()), 1e-300)
     if shown.sum() >= FEWEST_KNOTS:  # beyond what was seen it may be anything

@@ -141,6 +141,7 @@ def momentum_here(held):
 LIKELY_ARM = 0.2
 """Prior of the arm: of a point mass that far out, a twenty-fifth of the mean moment of inertia."""
 LIKELY_START = 0.05
+"""1-sigma of where the mass is when the record begins, and of its speed over the frequency."""
 
 
 def momentum_sd(held):

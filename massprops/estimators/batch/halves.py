@@ -12,7 +12,7 @@ from massprops.estimators.batch.solve import Fit, Search, covariance_of, fit
 from massprops.estimators.result import Halves
 from massprops.model.measurements import Measurements
 from massprops.model.problem import Problem
-from massprops.model.state import inertia_directions
+from massprops.model.state import INERTIA, inertia_directions
 
 MOST_ITERATIONS = 15
 VAGUE = 0.1
@@ -31,7 +31,7 @@ def halves(problem: Problem, m: Measurements, found: Fit, environment: Environme
             return None
         inertia = part.state.inertia / 3.0
         J = np.einsum("aij,kij->ak", DIRECTIONS, inertia_directions(part.state.inertia)) / 3.0
-        covariance = J @ covariance_of(part)[12:17, 12:17] @ J.T
+        covariance = J @ covariance_of(part)[INERTIA, INERTIA] @ J.T
         if not np.isfinite(covariance).all() or np.sqrt(np.linalg.eigvalsh(covariance)[-1]) > VAGUE:
             return None
         out.append((np.einsum("aij,ij->a", DIRECTIONS, inertia), covariance))

@@ -1,17 +1,16 @@
 """The smoother on one camera's tracks, as structure from motion leaves them: attitudes to begin with, pixels to fit.
 
-The attitudes of structure from motion come from the same pixels, so only the pixels count. Their errors are shared:
-features near each other on the body slide alike under one Sun, all features of neighbouring frames are matched alike, and
-whatever passes the same side of the camera, the limb or the terminator, slides the same way there all the time. So the
-covariance is a sandwich with clusters in three ways, places on the body, blocks of time and places before the camera (Huber
-1967; Liang and Zeger 1986, eq. 5; Cameron, Gelbach and Miller 2011, eq. 2.10), each cluster judged without itself. Focal length and radial distortion were found from the same images: both are free again,
-since a body that turns freely tells them apart from its shape.
+The attitudes of structure from motion come from the same pixels, so only the pixels count. Their errors are shared. Features
+near each other on the body slide alike under one Sun. All features of neighbouring frames are matched alike. Whatever passes the
+limb or the terminator slides the same way there all the time. So the covariance is a sandwich with clusters in three ways: places
+on the body, blocks of time, places before the camera (Huber 1967; Liang and Zeger 1986, eq. 5; Cameron, Gelbach and Miller 2011,
+eq. 2.10). Each cluster is judged without itself. Focal length and radial distortion were found from the same images: both are free
+again, since a body that turns freely tells them apart from its shape.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -22,6 +21,7 @@ from massprops.dynamics.quaternion import nearest_rotation, rotation_matrix
 from massprops.errors import NotPossible
 from massprops.estimators.batch.solve import Fit, fit
 from massprops.estimators.batch.start import BatchStart, place_points
+from massprops.estimators.start import Start
 from massprops.model import Model, model_of
 from massprops.model.linearise import linearise
 from massprops.model.measurements import Measurements, measurements_of
@@ -31,9 +31,10 @@ from massprops.model.state import BatchState, in_axes
 LENS = ("focal-length-error", "lens-distortion")
 """What a camera without calibration leaves open."""
 FEWEST_FEATURES = 20
+"""Features from which one camera alone shows the motion."""
 
 
-def applies(problem: Problem, start: Any) -> bool:
+def applies(problem: Problem, start: Start) -> bool:
     """Whether the sequence is one camera's tracks with attitudes from the same images."""
     return bool(
         problem.has_attitude
@@ -46,7 +47,7 @@ def applies(problem: Problem, start: Any) -> bool:
 
 
 def fit_tracks(
-    problem: Problem, first: BatchStart, start: Any, environment: EnvironmentModel, model: Model | None = None
+    problem: Problem, first: BatchStart, start: Start, environment: EnvironmentModel, model: Model | None = None
 ) -> tuple[BatchStart, Fit, Measurements]:
     """The fit of all pixels, in the body axes of `attitude0`.
 
@@ -60,6 +61,7 @@ def fit_tracks(
     Raises:
         NotPossible: too few features could be placed.
     """
+    assert start.position is not None
     state = replace(
         first.state,
         r0=np.array(start.position[0], float),

@@ -15,7 +15,7 @@ from massprops.estimators.result import Estimate
 from massprops.model import Model
 from massprops.model.linearise import Slopes
 from massprops.model.problem import Problem
-from massprops.model.state import ratio_slopes
+from massprops.model.state import BODY_SIZE, INERTIA, ratio_jacobian
 
 LARGEST_SIGMA_K = 0.18
 """1-sigma of k1 or k2 above which the data say too little: half their spread over all bodies that there can be."""
@@ -36,8 +36,8 @@ def estimate_of(
     """The fit as an `Estimate`, with the covariance (size, size) of its parameters where it is not the plain one."""
     state, motion = found.state, found.predicted.motion
     covariance = covariance_of(found) if covariance is None else covariance
-    k, axes, slopes, turns = ratio_slopes(state.inertia)
-    block = covariance[12:17, 12:17]
+    k, axes, slopes, turns = ratio_jacobian(state.inertia)
+    block = covariance[INERTIA, INERTIA]
     k_covariance, axes_covariance = slopes @ block @ slopes.T, turns @ block @ turns.T
     turn = float(np.sqrt(np.max(np.diag(axes_covariance))))
     hidden = rival or hidden_by(np.sqrt(np.diag(k_covariance)), turn, state.w0, axes, LARGEST_SIGMA_K)
@@ -82,9 +82,9 @@ def estimate_of(
 def _of_body(model: Model, slopes: np.ndarray) -> tuple[dict[tuple[str, str], float], np.ndarray]:
     """The body's numbers that a model's effects have, and derivatives (2 + m, size) of k1, k2 and these by the state's parameters."""
     sizes = [len(v) for v in model.values]
-    ends = 17 + np.cumsum([0, *sizes])
+    ends = BODY_SIZE + np.cumsum([0, *sizes])
     numbers: dict[tuple[str, str], float] = {}
-    rows = [np.concatenate([np.zeros(12), s, np.zeros(ends[-1] - 17)]) for s in slopes]
+    rows = [np.concatenate([np.zeros(INERTIA.start), s, np.zeros(ends[-1] - BODY_SIZE)]) for s in slopes]
     for effect, value, at in zip(model.modules, model.values, ends, strict=False):
         for k, q in enumerate(effect.PARAMETERS):
             if q.name in of_body(effect):

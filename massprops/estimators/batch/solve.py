@@ -13,7 +13,7 @@ from massprops.estimators.batch.track_weights import track_weights, weight_of
 from massprops.model.linearise import Linear, Predicted, Residuals, linearise, predict, residuals
 from massprops.model.measurements import Measurements
 from massprops.model.problem import Problem
-from massprops.model.state import BatchState, inertia_directions, log_shape, moved
+from massprops.model.state import BODY_SIZE, INERTIA, BatchState, inertia_directions, log_shape, moved
 
 MOST_ITERATIONS = 40
 LARGEST_DAMPING = 1e8
@@ -205,7 +205,7 @@ def _fit_of(here: _Descent, free: np.ndarray, converged: bool, iterations: int) 
 def _hold_times(d: np.ndarray, state: BatchState, problem: Problem) -> None:
     """Steps of event times kept short and inside the record: the motion is far from linear in them."""
     first, last = float(problem.times[0]), float(problem.times[-1])
-    at = 17
+    at = BODY_SIZE
     for module, values in zip(state.model.modules, state.model.values, strict=True):
         for k, q in enumerate(module.PARAMETERS):
             if q.kind == "time":
@@ -238,25 +238,25 @@ def robust(r: Residuals, m: Measurements) -> np.ndarray:
 
 
 def _cost(r: Residuals, weights: np.ndarray, state: BatchState, inertia_prior: InertiaPrior) -> float:
-    value = np.concatenate([believed(state, inertia_prior)[0], *(v for _, v, _ in penalties(state))])
+    value = np.concatenate([prior_residuals(state, inertia_prior)[0], *(v for _, v, _ in penalties(state))])
     # an outlier costs nothing: costs of two fits compare only as far as the same measurements are left out of both
     return 0.5 * float(np.sum(np.where(weights > 0, weights * r.squares, 0.0)) + value @ value)
 
 
-def believed(state: BatchState, inertia_prior: InertiaPrior | None) -> tuple[np.ndarray, np.ndarray]:
-    """Residuals of the belief and their derivatives by the five inertia parameters."""
+def prior_residuals(state: BatchState, inertia_prior: InertiaPrior | None) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals (r,) of the prior over its 1-sigma and their derivatives (r, 5) by the five inertia parameters; r is 0, 5 or 6."""
     if inertia_prior is None:
         return np.zeros(0), np.zeros((0, 5))
     if inertia_prior.inertia is None:
         return -log_shape(state.inertia) / inertia_prior.weak, np.eye(5) / inertia_prior.weak
     value = np.array(six_of(state.inertia - inertia_prior.inertia)) / inertia_prior.sigma
-    ways = np.array([six_of(w) for w in inertia_directions(state.inertia)])
-    return -value, ways.T / inertia_prior.sigma
+    by_inertia = np.array([six_of(w) for w in inertia_directions(state.inertia)])
+    return -value, by_inertia.T / inertia_prior.sigma
 
 
 def penalties(state: BatchState) -> list[tuple[int, np.ndarray, np.ndarray]]:
-    """For each effect with a penalty: its first place among all parameters, the values, and their derivatives."""
-    out, at = [], 17
+    """For each effect with a penalty: its first place among all parameters, the values (r,), and their derivatives (r, k)."""
+    out, at = [], BODY_SIZE
     for module, values in zip(state.model.modules, state.model.values, strict=True):
         if hasattr(module, "penalty"):
             own = [float(v) for v in values]
@@ -305,22 +305,27 @@ def reduced_equations(
     state: BatchState,
     inertia_prior: InertiaPrior | None,
 ) -> Reduced:
+    """The normal equations of a step with the feature points eliminated.
+
+    Args:
+        linear: residuals and derivatives over 1-sigma; weights: of each unit of them; free: (size,) bool of `state`'s parameters.
+    """
     w = weights[linear.unit]
     J = linear.shared[:, free]
     JW = J * w[:, None]
     full = JW.T @ J
     b = JW.T @ linear.value
     if inertia_prior is not None:
-        value, slopes = believed(state, inertia_prior)
-        place = np.flatnonzero(free[12:17])
-        at = free[:12].sum() + np.arange(len(place))
+        value, slopes = prior_residuals(state, inertia_prior)
+        place = np.flatnonzero(free[INERTIA])
+        at = free[: INERTIA.start].sum() + np.arange(len(place))
         full[np.ix_(at, at)] += slopes[:, place].T @ slopes[:, place]
         b[at] += slopes[:, place].T @ value
-        for first, off, ways in penalties(state):
-            place = np.flatnonzero(free[first : first + ways.shape[1]])
+        for first, off, by_parameters in penalties(state):
+            place = np.flatnonzero(free[first : first + by_parameters.shape[1]])
             at = free[:first].sum() + np.arange(len(place))
-            full[np.ix_(at, at)] += ways[:, place].T @ ways[:, place]
-            b[at] -= ways[:, place].T @ off
+            full[np.ix_(at, at)] += by_parameters[:, place].T @ by_parameters[:, place]
+            b[at] -= by_parameters[:, place].T @ off
     o, count = len(m.uv), len(state.points)
     V, W, c = np.zeros((count, 3, 3)), np.zeros((count, int(free.sum()), 3)), np.zeros((count, 3))
     H = full.copy()
@@ -353,7 +358,7 @@ def _step(reduced: Reduced, damping: float, free: np.ndarray, state: BatchState)
         step = np.zeros(len(scale))
     d = np.zeros(len(free))
     d[free] = step
-    longest = float(np.linalg.norm(d[12:17]))
+    longest = float(np.linalg.norm(d[INERTIA]))
     if not np.isfinite(d).all():
         d[:] = step[:] = 0.0
     elif longest > LARGEST_STEP:

@@ -9,7 +9,7 @@ import numpy as np
 
 from massprops.dynamics.chaser_path import chaser_path
 from massprops.dynamics.environment import EnvironmentModel
-from massprops.dynamics.inertia import physical
+from massprops.dynamics.inertia import project_to_physical
 from massprops.dynamics.quaternion import from_rotation_matrix, multiply, nearest_rotation, rotation_matrix
 from massprops.dynamics.rigid_body import propagate
 from massprops.errors import NotPossible
@@ -19,7 +19,7 @@ from massprops.model import Model
 from massprops.model.linearise import Predicted, predict
 from massprops.model.measurements import Measurements, measurements_of
 from massprops.model.problem import Problem
-from massprops.model.state import BatchState
+from massprops.model.state import BODY_SIZE, INERTIA, BatchState
 
 FIRST_TURNS = 1.0
 """Span of the first attitude fit, in revolutions."""
@@ -48,10 +48,7 @@ class BatchStart:
 
 
 def batch_start(
-    problem: Problem,
-    start: Start,
-    environment: EnvironmentModel,
-    own_attitudes: bool = False,
+    problem: Problem, start: Start, environment: EnvironmentModel, own_attitudes: bool = False
 ) -> BatchStart:
     """A first state for the whole record.
 
@@ -73,7 +70,7 @@ def batch_start(
         q = multiply(q, from_rotation_matrix(turn.T)[None])
         w, moments = w @ turn.T, turn @ moments @ turn.T
         features = None if features is None else features @ turn.T
-    moments = 3.0 * physical(moments)
+    moments = 3.0 * project_to_physical(moments)
     k = _first_steady(start.times, q, w, moments)
     q0, w0 = _back(problem.times[0], start.times[k:], q[k:], w[k:], moments)
     r0, v0 = np.array([0.0, 0.0, 1.0]), np.zeros(3)
@@ -103,7 +100,7 @@ def batch_start(
 
 def _free(problem: Problem, tracked: bool) -> np.ndarray:
     """(17,) parameters of motion and inertia that the data can move."""
-    free = np.ones(17, bool)
+    free = np.ones(BODY_SIZE, bool)
     free[:3] = problem.has_attitude
     if not tracked:
         free[6:12] = False
@@ -158,14 +155,14 @@ def _grow(
     spread = np.where(np.isfinite(spread) & (spread > 0), spread, np.nanmedian(spread))
     sigma[rows] = np.maximum(spread, 1e-7)
     still = replace(around_free(problem), attitude=attitude, sigma_attitude=sigma)
-    free = np.zeros(17, bool)
-    free[:6] = free[12:17] = True
+    free = np.zeros(BODY_SIZE, bool)
+    free[:6] = free[INERTIA] = True
     fixed = EnvironmentModel(replace(problem.environment, chaser_attitude="inertial"), compiled=environment.compiled)
     span = max(_turn(start.w), problem.times[min(FEWEST_EPOCHS, n - 1)])
     whole = float(problem.times[-1])
 
     still_inertia = free.copy()
-    still_inertia[12:17] = False
+    still_inertia[INERTIA] = False
 
     def grown(inertia: np.ndarray, w0: np.ndarray, free: np.ndarray = free) -> tuple[BatchState, float]:
         return _doubled(
@@ -188,12 +185,7 @@ def _grow(
 
 
 def _doubled(
-    still: Problem,
-    blank: BatchState,
-    fixed: EnvironmentModel,
-    free: np.ndarray,
-    span: float,
-    whole: float,
+    still: Problem, blank: BatchState, fixed: EnvironmentModel, free: np.ndarray, span: float, whole: float
 ) -> tuple[BatchState, float]:
     """The state after fits of doubling span, and chi-squared of the last over its freedom."""
     chi2 = np.inf

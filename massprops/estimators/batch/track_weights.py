@@ -15,7 +15,7 @@ beyond which it is an outlier, left out of the result and counted."""
 
 
 def weight_of(x: np.ndarray) -> np.ndarray:
-    """Weights of residuals in these units."""
+    """Weights of residuals in these units, of any shape."""
     return np.where(x <= HUBER, 1.0, np.where(x <= GATE, HUBER / np.maximum(x, 1e-9), 0.0))
 
 

@@ -119,7 +119,7 @@ def add_to_mean(
 
 
 def middle(values: np.ndarray) -> float:
-    """The median, for short arrays."""
+    """The median of values (n,), for short arrays."""
     n = values.shape[0]
     sorted_values = values.copy()
     for i in range(1, n):

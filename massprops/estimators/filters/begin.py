@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from massprops.dynamics.inertia import cholesky_ratio_derivatives
 from massprops.errors import NotPossible
 from massprops.estimators.result import Prior
+from massprops.estimators.start import Start
 from massprops.model.problem import Problem
 
 WIDER = 3.0
@@ -23,7 +22,7 @@ FIRST_TURNS, FIRST_EPOCHS = 2.0, 40
 """The first guess is made from the data of so many turns and epochs."""
 
 
-def early_start(problem: Problem, given: Any) -> Any:
+def early_start(problem: Problem, given: Start) -> Start:
     """The first guess from the first part of the data only; the given one where that part does not show enough."""
     from massprops.estimators.start import first_guess
 
@@ -42,18 +41,18 @@ def early_start(problem: Problem, given: Any) -> Any:
     return early if usable else given
 
 
-def settled_epoch(start: Any) -> int:
+def settled_epoch(start: Start) -> int:
     """The first row of the start whose rates are about as good as most; the ends of a record are worse."""
     spread = np.einsum("nii->n", start.covariance[:, 3:, 3:])
     return int(np.argmax(spread <= 1.5 * np.nanmedian(spread)))
 
 
-def speed_of(start: Any) -> float:
+def speed_of(start: Start) -> float:
     """The start's usual angular speed [rad/s]."""
     return float(np.nanmedian(np.linalg.norm(start.w, axis=1)))
 
 
-def noise_densities(problem: Problem, prior: Prior, start: Any) -> tuple[float, float]:
+def noise_densities(problem: Problem, prior: Prior, start: Start) -> tuple[float, float]:
     """Unmodelled angular acceleration [rad/s^2 per sqrt(s)] and acceleration [m/s^2 per sqrt(s)]."""
     turn = prior.process_noise if prior.process_noise is not None else ANGULAR_NOISE * speed_of(start) ** 2
     return turn, ORBIT_NOISE if problem.environment.orbit is not None else DRIFT_NOISE

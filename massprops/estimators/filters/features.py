@@ -59,11 +59,7 @@ class Passage:
 
 
 def run_through(
-    problem: Problem,
-    setup: Setup,
-    settings: Settings,
-    rows: Measurements | None = None,
-    most: int = MOST_FEATURES,
+    problem: Problem, setup: Setup, settings: Settings, rows: Measurements | None = None, most: int = MOST_FEATURES
 ) -> Passage:
     """The filter over all epochs of the problem from `setup.first` on; new features enter as old ones leave.
 

@@ -73,7 +73,7 @@ def nonlinearity(
 
 
 def most_near(value: np.ndarray, spread: np.ndarray, noise: np.ndarray, gate: float) -> bool:
-    """Whether at least half of the innovations are within the gate."""
+    """Whether at least half of the innovations (r,), of these variances and noises (r,), are within the gate."""
     bad = 0
     for c in range(value.shape[0]):
         if not value[c] * value[c] <= gate * gate * (spread[c] + noise[c]):

@@ -25,7 +25,7 @@ FEWEST_LEARNT = 60
 """Samples from which periods can be learnt."""
 MOST_LEARNT = 6
 """Features carried through an occlusion by processes of their own."""
-STILL, SURE = 0.1, 4.0
+STILL, MOVING_SIGMAS = 0.1, 4.0
 """Drift of the centre of mass over the record, in sigmas of the image, and its velocity in its own sigmas, below
 which it is at rest."""
 
@@ -132,13 +132,7 @@ def _attitudes(columns: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray,
 
 
 def _fill_points(
-    problem: Problem,
-    setup: Setup,
-    gap: Gap,
-    passage: Passage,
-    rows: Measurements,
-    chosen: np.ndarray,
-    inside: slice,
+    problem: Problem, setup: Setup, gap: Gap, passage: Passage, rows: Measurements, chosen: np.ndarray, inside: slice
 ) -> tuple[Measurements, int, str]:
     from massprops.sensing.stereo import triangulate
 
@@ -215,7 +209,7 @@ def _path(
     path = np.einsum("nji,nja,a->ni", C, path_transition(times, chaser), found[:6])
     shift = np.linalg.norm(path - path[-1], axis=1).max() / np.linalg.norm(path[-1])
     finest = min(s / abs(c.intrinsics[0]) for s, c in zip(problem.sigma_px, problem.cameras, strict=True))
-    speed = np.abs(found[3:6]) > SURE * np.sqrt(np.diag(spread)[3:6])
+    speed = np.abs(found[3:6]) > MOVING_SIGMAS * np.sqrt(np.diag(spread)[3:6])
     moving = bool(shift > STILL * finest and speed.any())
     return (path if moving else np.broadcast_to(path.mean(axis=0), path.shape)), moving
 

@@ -6,12 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from massprops.dynamics.inertia import (
-    cholesky_inertia,
-    cholesky_ratio_derivatives,
-    principal_axes,
-    ratios_of_moments,
-)
+from massprops.dynamics.inertia import cholesky_inertia, cholesky_ratio_derivatives, principal_axes, ratios_of_moments
 from massprops.dynamics.quaternion import conjugate, mean_quaternion, multiply, rotation_matrix
 from massprops.estimators.filters import verdict
 from massprops.estimators.filters.features import Passage

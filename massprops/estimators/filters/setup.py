@@ -3,18 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.linalg import block_diag
 
 from massprops.dynamics.chaser_path import chaser_path, transitions
-from massprops.dynamics.inertia import (
-    DIRECTIONS,
-    cholesky_changes,
-    cholesky_parameters,
-    cholesky_ratio_derivatives,
-)
+from massprops.dynamics.inertia import DIRECTIONS, cholesky_changes, cholesky_parameters, cholesky_ratio_derivatives
 from massprops.dynamics.quaternion import conjugate, multiply, rotation_matrix
 from massprops.errors import NotPossible
 from massprops.estimators.filters.begin import (
@@ -29,6 +23,7 @@ from massprops.estimators.filters.state import Measurements, Noise, State
 from massprops.estimators.free_fit import FreeFit, free_fit
 from massprops.estimators.geometry.stereo_path import linear_path
 from massprops.estimators.result import Prior
+from massprops.estimators.start import Start
 from massprops.model.problem import Problem
 from massprops.sensing.pinhole import at_depth
 from massprops.sensing.stereo import triangulate
@@ -69,7 +64,7 @@ class Setup:
     warnings: tuple[str, ...] = ()
 
 
-def setup(problem: Problem, prior: Prior, start: Any, most: int = MOST_FEATURES) -> Setup:
+def setup(problem: Problem, prior: Prior, start: Start, most: int = MOST_FEATURES) -> Setup:
     """State and noise to begin with.
 
     Args:
@@ -102,20 +97,20 @@ def setup(problem: Problem, prior: Prior, start: Any, most: int = MOST_FEATURES)
     # imu0 and the tracks need not share body axes
     sensors = (told, not seen.points and problem.has_rates, seen.points and problem.has_range)
     return Setup(
-        state,
-        seen.chosen,
-        _noise(problem, prior, start),
-        first,
-        seen.points,
-        sensors,
-        np.sqrt(np.einsum("ai,ij,aj->a", by_k, turning[6:, 6:], by_k)),
-        (TRACKS_SHARE, 1.0 - TRACKS_SHARE) if seen.points and told else (1.0, 1.0),
-        float(np.sqrt(np.mean(np.sum(seen.features**2, axis=1)))) if seen.points else 0.0,
-        tuple(start.warnings),
+        state=state,
+        chosen=seen.chosen,
+        noise=_noise(problem, prior, start),
+        first=first,
+        points=seen.points,
+        sensors=sensors,
+        k_sigma=np.sqrt(np.einsum("ai,ij,aj->a", by_k, turning[6:, 6:], by_k)),
+        share=(TRACKS_SHARE, 1.0 - TRACKS_SHARE) if seen.points and told else (1.0, 1.0),
+        size=float(np.sqrt(np.mean(np.sum(seen.features**2, axis=1)))) if seen.points else 0.0,
+        warnings=tuple(start.warnings),
     )
 
 
-def _first_rotation(problem: Problem, start: Any, fit: FreeFit | None) -> tuple[int, int, np.ndarray, np.ndarray]:
+def _first_rotation(problem: Problem, start: Start, fit: FreeFit | None) -> tuple[int, int, np.ndarray, np.ndarray]:
     """Row of the start and epoch of the problem where the filter begins, and attitude (4,) and rates (3,) there."""
     if fit is not None:
         return int(np.argmin(np.abs(start.times - problem.times[fit.rows[0]]))), int(fit.rows[0]), fit.q, fit.w
@@ -136,7 +131,7 @@ class _Carried:
     others: np.ndarray
 
 
-def _carried(problem: Problem, start: Any, row: int, first: int, most: int, fit: FreeFit | None) -> _Carried:
+def _carried(problem: Problem, start: Start, row: int, first: int, most: int, fit: FreeFit | None) -> _Carried:
     """What the filter carries besides rotation at epoch `first`, near the start's `row`."""
     if not problem.has_tracks or start.features is None or start.position is None:
         return _Carried(False, np.zeros(0, int), np.zeros((0, 3)), np.zeros(3), np.zeros(3), np.zeros((0, 0)))
@@ -162,7 +157,7 @@ def _carried(problem: Problem, start: Any, row: int, first: int, most: int, fit:
 
 
 def _measured_points(
-    problem: Problem, start: Any, rows: np.ndarray, q: np.ndarray, chosen: np.ndarray, f: np.ndarray
+    problem: Problem, start: Start, rows: np.ndarray, q: np.ndarray, chosen: np.ndarray, f: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Features `chosen` at the epochs `rows`, of attitudes q, in the chaser's frame (n, m, 3) and covariance (n, m, 3, 3).
 
@@ -172,6 +167,7 @@ def _measured_points(
     uv = np.moveaxis(problem.uv[rows][:, :, chosen], 1, 2)
     if problem.stereo:
         return triangulate(problem.cameras, uv, problem.sigma_px)
+    assert start.position is not None
     camera = problem.cameras[0]
     path = np.stack([np.interp(problem.times[rows], start.times, x) for x in start.position.T], axis=1)
     X = path[:, None] + np.einsum("nij,mj->nmi", rotation_matrix(q), f)
@@ -181,7 +177,7 @@ def _measured_points(
 
 
 def _turning(
-    problem: Problem, prior: Prior, start: Any, fit: FreeFit | None, row: int
+    problem: Problem, prior: Prior, start: Start, fit: FreeFit | None, row: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """The five numbers of the inertia, and the covariance (11, 11) of rates, attitude and these.
 
@@ -220,14 +216,14 @@ def _limited(P: np.ndarray, widest: np.ndarray) -> np.ndarray:
     return 0.5 * (less + less.T)
 
 
-def _rotation_variances(covariance: np.ndarray, start: Any) -> np.ndarray:
+def _rotation_variances(covariance: np.ndarray, start: Start) -> np.ndarray:
     """(6,) of rates and attitude to start with, from the covariance of attitude and rates (6, 6)."""
     spread = WIDER * np.sqrt(np.maximum(np.diag(covariance), 0.0))
     attitude = 1e-6 if start.poses is None else max(spread[:3].max(), 1e-6)
     return np.repeat([max(spread[3:].max(), 1e-9), attitude], 3) ** 2
 
 
-def _noise(problem: Problem, prior: Prior, start: Any) -> Noise:
+def _noise(problem: Problem, prior: Prior, start: Start) -> Noise:
     turn, drift = noise_densities(problem, prior, start)
     step = float(np.median(np.diff(problem.times)))
     return Noise(w=turn**2, attitude=turn**2 * step**2 / 3.0, k=1e-14, velocity=drift**2)

@@ -10,7 +10,7 @@ from massprops.estimators.filters.rule import AXES, POINTS, POSITION, VELOCITY, 
 
 
 def axes_in_reference(x: np.ndarray) -> Turn:
-    """The attitude of the measured body frame."""
+    """The attitude of the measured body frame in a state x (19 + 3 m,)."""
     return product(x[3], x[4], x[5], x[6], x[AXES], x[AXES + 1], x[AXES + 2], x[AXES + 3])
 
 
@@ -31,14 +31,7 @@ def sight_of_sensors(h: np.ndarray, x: np.ndarray, mid: Turn, rule: Rule) -> Non
 
 
 def sight(
-    h: np.ndarray,
-    used: np.ndarray,
-    first: int,
-    x: np.ndarray,
-    eyes: np.ndarray,
-    mid: Turn,
-    still: bool,
-    rule: Rule,
+    h: np.ndarray, used: np.ndarray, first: int, x: np.ndarray, eyes: np.ndarray, mid: Turn, still: bool, rule: Rule
 ) -> None:
     """Predicted measurements from feature `first` on (and the sensors' when it is 0), into h."""
     if first == 0 and ahead(rule) > 0:

@@ -22,7 +22,7 @@ LEAST_OF_BOUND = 0.65
 """Share of the Cramer-Rao bound of k below which a filter's 1-sigma is false: its linearisation moved, and it took that for
 news. Of 160 claims from tracks or attitudes of 40 to 140 epochs, the 39 below erred by 3.5 sigmas rms (up to 9.8), the others
 by 1.4 (up to 4.7)."""
-SURE = 3.0
+DISTINCT_MOMENTS = 3.0
 """Sigmas by which two moments must differ for their axes to be determined."""
 FEWEST_POINTS = 3
 """Features that fix an attitude."""
@@ -128,7 +128,7 @@ def hidden(found: Estimate, weight: np.ndarray, before: float) -> str:
         unlearnt(found.sigma_k, before)
         or dark
         or overconfident(found.sigma_k, shown, before)
-        or symmetric(np.abs(k) < SURE * found.sigma_k)
+        or symmetric(np.abs(k) < DISTINCT_MOMENTS * found.sigma_k)
     )
 
 

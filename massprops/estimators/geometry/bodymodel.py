@@ -18,12 +18,15 @@ from massprops.estimators.geometry.jointfit import joint_step, shared_error
 MEDIAN_SQUARE = 2.366
 """Median of chi-square with three degrees of freedom."""
 TRIPLES = 40
-WAVES = 60
-STEPS = 2
-POLISH = 3
-MOST_POLISH = 15
+"""Random sets of three points that are tried for the pose of an epoch with outliers."""
+WAVES, STEPS = 60, 2
+"""Waves in which epochs join at most, and steps of all poses and the body after each."""
+POLISH, MOST_POLISH = 3, 15
+"""Joint steps at the end, at least and at most."""
 FIRST_REACH = 40
+"""Epochs about those placed that may join in the first wave."""
 MODES = 24
+"""Independent errors of the body's points that are kept."""
 
 
 @dataclass(frozen=True)
@@ -148,7 +151,10 @@ class _Growth:
             one = np.ix_(used, column)
             information = self.information[one] / self.scale
             shared[used] = shared_error(self.q[used], self.body[column], information, good[one], MODES)
-        return BodyMotion(used, self.q, self.shift, self.covariance, self.body, good, self.scale, outliers, shared)
+        return BodyMotion(
+            used=used, q=self.q, origin=self.shift, covariance=self.covariance, points=self.body, good=good,
+            scale=self.scale, outliers=outliers, shared=shared,
+        )  # fmt: skip
 
     def _join(self, rows: np.ndarray, use: np.ndarray, known: np.ndarray) -> int:
         """Takes in those of the epochs `rows`, with points `use` (k, m) in common, that fit the known body: how many."""
@@ -273,6 +279,7 @@ def _median_place(R: np.ndarray, arm: np.ndarray, information: np.ndarray) -> tu
 
 
 def _enough(good: np.ndarray, use: np.ndarray) -> np.ndarray:
+    """(k,) bool: three points or more fit, and more than half of those given; of three, all. good, use: (k, m) bool."""
     fit, given = good.sum(axis=1), use.sum(axis=1)
     return (fit >= 3) & (fit > 0.5 * given) & ((given > 3) | (fit == given))
 
@@ -308,4 +315,5 @@ def _consensus(
 
 
 def _misfit(near: np.ndarray, use: np.ndarray) -> np.ndarray:
+    """(k,) sums of squared Mahalanobis distances (k, m), each at most that of an outlier."""
     return np.asarray(np.where(use, np.minimum(near, LARGEST_MAHALANOBIS), 0.0).sum(axis=1))

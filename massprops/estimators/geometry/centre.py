@@ -8,6 +8,7 @@ from massprops.core.linalg import inverse_of
 from massprops.dynamics.quaternion import rotation_matrix
 
 HIGHEST_DEGREE = 6
+"""Of the polynomials that the centre's path may be."""
 
 
 def centre_of_mass(

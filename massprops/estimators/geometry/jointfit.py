@@ -13,6 +13,7 @@ from massprops.dynamics.quaternion import from_rotation_vector, multiply, normal
 from massprops.geometry.vectors import skew
 
 LARGEST_TURN = 0.3
+"""Of one step [rad]."""
 
 
 def joint_step(
@@ -59,9 +60,12 @@ def shared_error(q: np.ndarray, body: np.ndarray, information: np.ndarray, use: 
 
 
 def _eliminated(R: np.ndarray, arm: np.ndarray, information: np.ndarray, use: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Weighted derivatives by the poses (n, 6, 3 m) and by the points (n, m, 3, 3), the inverse of the poses' normal matrix
-    (n, 6, 6) with the first pose held, its product with the cross term (n, 6, 3 m), and the points' reduced normal matrix
-    (3 m, 3 m)."""
+    """The parts of the normal equations with the poses eliminated.
+
+    Returns:
+        weighted derivatives by the poses (n, 6, 3 m) and by the points (n, m, 3, 3); the inverse of the poses' normal matrix
+        (n, 6, 6) with the first pose held; its product with the cross term (n, 6, 3 m); the points' reduced normal matrix (3 m, 3 m).
+    """
     n, m = use.shape
     W = np.where(use[..., None, None], information, 0.0)
     by_pose = np.zeros((n, m, 3, 6))

@@ -55,12 +55,7 @@ def straight_path(
 
 
 def _solve(
-    problem: Problem,
-    q: np.ndarray,
-    tau: np.ndarray,
-    uv: np.ndarray,
-    chosen: np.ndarray,
-    moving: bool,
+    problem: Problem, q: np.ndarray, tau: np.ndarray, uv: np.ndarray, chosen: np.ndarray, moving: bool
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Path (6,) and features (m, 3) with the path's start one long, or None when behind the camera or degenerate."""
     camera = problem.cameras[0]

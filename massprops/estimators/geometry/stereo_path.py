@@ -21,12 +21,7 @@ def path_transition(times: np.ndarray, path: ChaserPath) -> np.ndarray:
 
 
 def linear_path(
-    times: np.ndarray,
-    q: np.ndarray,
-    points: np.ndarray,
-    covariance: np.ndarray,
-    path: ChaserPath,
-    size: float,
+    times: np.ndarray, q: np.ndarray, points: np.ndarray, covariance: np.ndarray, path: ChaserPath, size: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Least squares for x = (position 3, velocity 3 at times[0], features 3 m) with every point's own weight.
 

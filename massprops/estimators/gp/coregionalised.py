@@ -17,14 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprops.errors import NotPossible
-from massprops.estimators.gp.kernel import (
-    feature_rates,
-    feature_slopes,
-    features,
-    lattice,
-    line_weights,
-    per_column,
-)
+from massprops.estimators.gp.kernel import feature_jacobian, feature_rates, features, lattice, line_weights, per_column
 from massprops.estimators.gp.periods import candidate_pairs, frequency_step
 
 WEIGHT_FLOOR = 1e-14
@@ -78,7 +71,7 @@ class QuasiPeriodicProcess:
             g = both @ self.factors[i]
             block = g @ g.transpose(0, 2, 1)  # (n, 2, 2)
             cov += np.einsum("nab,c,e->nacbe", block, self.U[:, i], self.U[:, i]).reshape(n, 2 * d, 2 * d)
-        slope = feature_slopes(phi, s, self.orders)
+        slope = feature_jacobian(phi, s, self.orders)
         lean = np.zeros((n, 2 * d, 2))
         for k in range(2):
             lean[:, :d, k] = slope[k] @ self.coefficients
@@ -92,11 +85,7 @@ class QuasiPeriodicProcess:
         return self.mean + phi @ self.coefficients, rate @ self.coefficients, cov
 
 
-def fit_process(
-    t: np.ndarray,
-    y: np.ndarray,
-    frequencies: np.ndarray | None = None,
-) -> QuasiPeriodicProcess:
+def fit_process(t: np.ndarray, y: np.ndarray, frequencies: np.ndarray | None = None) -> QuasiPeriodicProcess:
     """Trains the process.
 
     Args:

@@ -71,7 +71,7 @@ def waves(t: np.ndarray, lines: np.ndarray) -> np.ndarray:
 
 
 def feature_rates(phi: np.ndarray, orders: np.ndarray, f: np.ndarray) -> np.ndarray:
-    """Derivative in time of `features`, from the features themselves. Shapes as there."""
+    """Derivative in time of `features`, from the features (n, 2m - 1) themselves."""
     m = len(orders) - 1
     omega = 2.0 * np.pi * (orders[1:] @ f)
     out = np.zeros_like(phi)
@@ -80,7 +80,7 @@ def feature_rates(phi: np.ndarray, orders: np.ndarray, f: np.ndarray) -> np.ndar
     return out
 
 
-def feature_slopes(phi: np.ndarray, t: np.ndarray, orders: np.ndarray) -> np.ndarray:
+def feature_jacobian(phi: np.ndarray, t: np.ndarray, orders: np.ndarray) -> np.ndarray:
     """Derivative of `features` by the two fundamental frequencies: (2, n, 2m - 1)."""
     m = len(orders) - 1
     out = np.zeros((2, *phi.shape))

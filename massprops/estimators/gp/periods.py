@@ -1,9 +1,8 @@
 """First guesses of the two fundamental frequencies of a tumbling motion, from the spectrum of its measurements.
 
-kabir2025 Algorithm 1 takes the tallest bins of a Fourier transform as periods. Three things are mended here: the mean
-is removed, lines are located between bins (matching pursuit with a refined peak) so that a period is not limited to
-T/m, and candidates include differences of lines, since the polhode frequency itself is often absent and shows only
-as the spacing of others.
+kabir2025 Algorithm 1 takes the tallest bins of a Fourier transform as periods. Three things are mended here. The mean is
+removed. Lines are located between bins (matching pursuit with a refined peak), so that a period is not limited to T/m.
+Candidates include differences of lines: the polhode frequency itself is often absent and shows only as the spacing of others.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from itertools import combinations
 
 import numpy as np
 
-from massprops.estimators.gp.kernel import feature_slopes, features, lattice, waves
+from massprops.estimators.gp.kernel import feature_jacobian, features, lattice, waves
 
 PAD = 8
 """Zero padding of the transform: a peak is located to a small part of a bin."""
@@ -123,7 +122,7 @@ def frequency_step(
         penalised residual sum of squares, step (2,) [Hz], and information (2, 2) of f for unit noise variance.
     """
     phi = features(t, orders, f)
-    slopes = feature_slopes(phi, t, orders)
+    slopes = feature_jacobian(phi, t, orders)
     ridge = ridge if ridge.ndim == 2 else ridge[:, None]
     ridge = np.broadcast_to(ridge, (phi.shape[1], y.shape[1]))
     gram = phi.T @ phi

@@ -13,18 +13,30 @@ line of what else is missing, or an empty string. An `estimate` that takes `mode
 from __future__ import annotations
 
 import inspect
+from collections.abc import Callable
 from functools import cache
 from types import ModuleType
+from typing import Protocol, cast
 
 from massprops.effect_contract import is_hyphenated
 from massprops.estimators.needs import SAID
+from massprops.estimators.result import Estimate
 from massprops.packaged import modules_of, packaged
 
 
+class Method(Protocol):
+    """What such a file holds; the rest may be left out."""
+
+    NAME: str
+    SENTENCE: str
+    NEEDS: tuple[str, ...]
+    estimate: Callable[..., Estimate]
+
+
 @cache
-def methods() -> dict[str, ModuleType]:
+def methods() -> dict[str, Method]:
     """The estimators by name, in the order of their `ORDER`, then name."""
-    found = {**own(), **_packaged()[0]}
+    found = cast("dict[str, Method]", {**own(), **_packaged()[0]})
     return dict(sorted(found.items(), key=lambda pair: (getattr(pair[1], "ORDER", 50), pair[0])))
 
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 from massprops.estimators.result import Estimate, Prior
 from massprops.model.problem import Problem
+
+if TYPE_CHECKING:
+    from massprops.estimators.start import Start
 
 NAME = "iekf"
 ORDER = 25
@@ -14,7 +17,7 @@ NEEDS = ("stereo|attitude|rates",)
 BEGINS_EARLY = True
 
 
-def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
+def estimate(problem: Problem, prior: Prior, start: Start) -> Estimate:
     """Motion and ratios by the filter, begun from the first part of the data.
 
     Raises:

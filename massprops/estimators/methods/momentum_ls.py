@@ -101,23 +101,16 @@ def _with_inertia(motion: Estimate, found: Momentum) -> Estimate:
         return motion
     k, axes = ratios(found.inertia)
     return replace(
-        motion,
-        observable=True,
-        k1=float(k[0]),
-        k2=float(k[1]),
-        k_covariance=judged.k_covariance,
-        inertia=found.inertia,
-        principal_axes=axes,
-        axes_covariance=judged.axes_covariance,
-    )
+        motion, observable=True, k1=float(k[0]), k2=float(k[1]), k_covariance=judged.k_covariance, inertia=found.inertia,
+        principal_axes=axes, axes_covariance=judged.axes_covariance,
+    )  # fmt: skip
 
 
 def _last(problem: Problem) -> float:
     """Time of the last epoch that measures anything this method takes."""
-    if np.isfinite(problem.attitude).all(axis=1).any():
-        any_ = np.isfinite(problem.attitude).all(axis=1)
-    elif problem.stereo:
-        any_ = (problem.seen[:, 0] & problem.seen[:, 1]).sum(axis=1) >= 3
-    else:
-        any_ = np.isfinite(problem.rates).all(axis=1)
-    return float(problem.times[any_][-1]) if any_.any() else 0.0
+    measured = np.isfinite(problem.attitude).all(axis=1)
+    if not measured.any() and problem.stereo:
+        measured = (problem.seen[:, 0] & problem.seen[:, 1]).sum(axis=1) >= 3
+    elif not measured.any():
+        measured = np.isfinite(problem.rates).all(axis=1)
+    return float(problem.times[measured][-1]) if measured.any() else 0.0

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING
 
 from massprops.estimators.result import Estimate, Prior
 from massprops.model.problem import Problem
+
+if TYPE_CHECKING:
+    from massprops.estimators.start import Start
 
 NAME = "principal-axis-ekf"
 ORDER = 60
@@ -16,7 +19,7 @@ MOST_FEATURES = 24
 """Features carried at a time."""
 
 
-def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
+def estimate(problem: Problem, prior: Prior, start: Start) -> Estimate:
     """Ratios, axes and motion by the filter, from the least-squares start.
 
     Raises:

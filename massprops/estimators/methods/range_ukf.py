@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from massprops.estimators.filters.verdict import LARGEST_SQUARE
 from massprops.estimators.result import Estimate, Prior
 from massprops.model.problem import Problem
+
+if TYPE_CHECKING:
+    from massprops.estimators.start import Start
 
 NAME = "range-ukf"
 ORDER = 45
@@ -18,7 +21,7 @@ NEEDS = ("tracks", "range")
 NEEDS_START = False
 
 
-def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
+def estimate(problem: Problem, prior: Prior, start: Start) -> Estimate:
     """Ratios, axes and metric motion.
 
     Raises:

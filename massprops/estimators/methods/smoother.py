@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from massprops.dynamics.environment import EnvironmentModel
-from massprops.dynamics.inertia import physical
+from massprops.dynamics.inertia import project_to_physical
 from massprops.estimators.batch import one_camera
 from massprops.estimators.batch.halves import halves, residual_rows
 from massprops.estimators.batch.outcome import estimate_of
@@ -24,7 +24,10 @@ from massprops.estimators.result import Estimate, Prior
 from massprops.model import Model
 from massprops.model.measurements import measurements_of
 from massprops.model.problem import Problem
-from massprops.model.state import BatchState
+from massprops.model.state import BODY_SIZE, BatchState
+
+if TYPE_CHECKING:
+    from massprops.estimators.start import Start
 
 NAME = "smoother"
 ORDER = 5
@@ -32,7 +35,7 @@ SENTENCE = "batch least squares over the whole record, from the least-squares an
 NEEDS = ("stereo|attitude|rates",)
 
 
-def estimate(problem: Problem, prior: Prior, start: Any, model: Model | None = None) -> Estimate:
+def estimate(problem: Problem, prior: Prior, start: Start, model: Model | None = None) -> Estimate:
     """Motion, inertia ratios and axes with their covariance.
 
     Args:
@@ -53,7 +56,7 @@ def estimate(problem: Problem, prior: Prior, start: Any, model: Model | None = N
     state, free = first.state, first.free
     if model is not None and model.modules:
         state = replace(state, model=model)
-        free = np.concatenate([free, np.ones(state.size - 17, bool)])
+        free = np.concatenate([free, np.ones(state.size - BODY_SIZE, bool)])
     m = measurements_of(problem, observed=first.observed, channels=first.channels)
     belief = InertiaPrior()
     if prior.inertia is not None and prior.attitude:
@@ -76,7 +79,7 @@ def _state_of_model(state: BatchState, model: Model | None, problem: Problem) ->
     if model is None or model.rate is None or model.inertia is None:
         return None
     q0 = state.q0 if model.attitude is None or not problem.has_attitude else model.attitude
-    return replace(state, q0=q0, w0=model.rate, inertia=3.0 * physical(model.inertia))
+    return replace(state, q0=q0, w0=model.rate, inertia=3.0 * project_to_physical(model.inertia))
 
 
 def _cost(found: Fit) -> float:

@@ -7,13 +7,16 @@ is removed before the processes are trained; and the features of one body share 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from massprops.estimators.filters.state import Measurements, Settings
 from massprops.estimators.result import Estimate, Prior
 from massprops.model.problem import Problem
+
+if TYPE_CHECKING:
+    from massprops.estimators.start import Start
 
 NAME = "ukf-gp"
 ORDER = 40
@@ -22,7 +25,7 @@ NEEDS = ("stereo|attitude|rates",)
 BEGINS_EARLY = True
 
 
-def estimate(problem: Problem, prior: Prior, start: Any) -> Estimate:
+def estimate(problem: Problem, prior: Prior, start: Start) -> Estimate:
     """As `ukf`, with pseudo-measurements where the sequence has none; equal to it where there is no occlusion.
 
     Raises:

@@ -201,7 +201,10 @@ class _Task:
         first = RangeStart(x.q, x.w, x.s, x.r, x.v, x.f, P)
         # what Huber's loss gives up of the information at normal noise is small: HUBER = 2.5 keeps 99 %
         square = float(np.sum(near**2)) / max(rows - far - len(P), 1)
-        return BatchFit(first, self.at_end(x, P, full[-1], y[-1], n), y, block, square, rows, far, converged)
+        return BatchFit(
+            first=first, last=self.at_end(x, P, full[-1], y[-1], n), y=y, block=block, square=square, rows=rows,
+            outliers=far, converged=converged,
+        )  # fmt: skip
 
     def at_end(self, x: RangeMotion, P: np.ndarray, J: np.ndarray, y: np.ndarray, n: int) -> RangeStart:
         """State and covariance at the last epoch, with the second order of the motion in both.

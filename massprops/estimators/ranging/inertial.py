@@ -94,11 +94,13 @@ class RangeData:
         return np.concatenate([np.zeros((1, 10)), steps])
 
 
-def range_filtered(start: RangeStart, data: RangeData, turn_noise: float, push_noise: float, gate: float = GATE) -> Run:
+def range_filtered(
+    start: RangeStart, data: RangeData, angular_noise: float, acceleration_noise: float, gate: float = GATE
+) -> Run:
     """Runs the filter, in the axes of cam0.
 
     Args:
-        turn_noise [rad^2/s^3]; push_noise [m^2/s^3]; gate: sigmas, 0 for none.
+        angular_noise, acceleration_noise: densities of unmodelled acceleration [rad^2/s^3], [m^2/s^3]; gate: sigmas, 0 for none.
     """
     n, state = len(data.times), camera_state(start, data.camera[0])
     at = np.r_[0, np.arange(n)]
@@ -117,7 +119,9 @@ def range_filtered(start: RangeStart, data: RangeData, turn_noise: float, push_n
         chaser=steps.chaser,
     )
     third = float(np.median(dt[1:])) ** 2 / 3.0 if n > 1 else 0.0
-    noise = Noise(turn_noise, turn_noise * third, k=0.0, position=push_noise * third, velocity=push_noise)
+    noise = Noise(
+        angular_noise, angular_noise * third, k=0.0, position=acceleration_noise * third, velocity=acceleration_noise
+    )
     share = SPREAD / len(start.P)
     return filter_epochs(state, seen, noise, Settings(np.sqrt(share), share, gate=gate, gravity=True))
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -16,15 +15,9 @@ from massprops.estimators.filters.features import Passage, joined
 from massprops.estimators.filters.setup import Setup
 from massprops.estimators.filters.state import Noise, Run
 from massprops.estimators.ranging.batch_start import BatchFit, fit_first
-from massprops.estimators.ranging.inertial import (
-    BASE,
-    RangeData,
-    RangeStart,
-    camera_state,
-    range_filtered,
-    to_camera,
-)
+from massprops.estimators.ranging.inertial import BASE, RangeData, RangeStart, camera_state, range_filtered, to_camera
 from massprops.estimators.result import Prior
+from massprops.estimators.start import Start
 from massprops.model.problem import Problem
 
 MOST_FEATURES = 12
@@ -42,7 +35,7 @@ ACCELERATION_NOISE = 1e-8
 """Unmodelled acceleration [m/s^2 sqrt(s)]."""
 
 
-def start_of(problem: Problem, start: Any) -> Any:
+def start_of(problem: Problem, start: Start) -> Start:
     """The start, with features placed, in the body axes of attitude0.
 
     Raises:
@@ -55,7 +48,7 @@ def start_of(problem: Problem, start: Any) -> Any:
     return start if getattr(start, "features", None) is not None else first_guess(problem)
 
 
-def passage_of(problem: Problem, prior: Prior, start: Any) -> tuple[Setup, Passage, BatchFit]:
+def passage_of(problem: Problem, prior: Prior, start: Start) -> tuple[Setup, Passage, BatchFit]:
     """The batch fit to the first frames and the filter from its last one on, as one run.
 
     Raises:
@@ -124,15 +117,16 @@ def _as_run(fit: BatchFit, camera: np.ndarray) -> Run:
     )
 
 
-def _window(times: np.ndarray, start: Any) -> int:
+def _window(times: np.ndarray, start: Start) -> int:
     """Epochs of the batch fit: enough rotation to make the rest linear, not more than a share of the record."""
     speed = max(float(np.median(np.linalg.norm(start.w, axis=1))), 1e-12)
     n = int(np.searchsorted(times, times[0] + FIRST_TURN / speed))
     return int(min(max(n, 12), MOST_BATCH, max(int(SHARE * len(times)), 6), len(times)))
 
 
-def _begin(prior: Prior, start: Any, chosen: np.ndarray, camera: np.ndarray) -> tuple[RangeStart, np.ndarray]:
+def _begin(prior: Prior, start: Start, chosen: np.ndarray, camera: np.ndarray) -> tuple[RangeStart, np.ndarray]:
     """A guess and how wide it is, wide enough that the batch fit is led by the measurements; and the 1-sigma of k1, k2."""
+    assert start.features is not None and start.inertia is not None and start.position is not None
     f = start.features[chosen]
     size = float(np.sqrt(np.mean(np.sum(f * f, axis=1))))
     speed = float(np.linalg.norm(start.w[0]))

@@ -14,17 +14,32 @@ A file of this folder is a format; so is a module that an installed package name
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
-from types import ModuleType
+from typing import Protocol, cast
 
+from massprops.exchange.body import Body
 from massprops.packaged import Wanted, faults_by, is_flag, is_text, modules_of, packaged
 
 WANTED: Wanted = {"NAME": is_text, "SUFFIX": is_text, "NEEDS_METRES": is_flag, "MESHES": is_flag, "render": callable}
 
 
+class Format(Protocol):
+    """What such a file holds; `FOLDER` may be left out."""
+
+    NAME: str
+    SUFFIX: str
+    NEEDS_METRES: bool
+    MESHES: bool
+
+    def render(self, body: Body, meshes: Mapping[str, str]) -> str | bytes | dict[str, str | bytes]:
+        """See the top of this file."""
+        ...
+
+
 @cache
-def formats() -> dict[str, ModuleType]:
+def formats() -> dict[str, Format]:
     """Every format by its name."""
     found = {module.NAME: module for module in modules_of(__name__)}
     found |= packaged("massprops.formats", faults_by(WANTED), found)[0]
-    return dict(sorted(found.items()))
+    return cast("dict[str, Format]", dict(sorted(found.items())))

@@ -7,7 +7,7 @@ import numpy as np
 from massprops.geometry import vectors
 from massprops.report.data import RunData
 from massprops.report.html import data_uri, number, swatch, text
-from massprops.report.svg import curve, dot, dots, drawing, words
+from massprops.report.svg import curve, dot, dots, drawing, pane, picture, words
 
 TITLE, ORDER = "Camera path and coverage", 4
 SEEN_WITHIN = 35.0
@@ -58,7 +58,7 @@ def _path(offset: np.ndarray, data: RunData, middle: np.ndarray) -> str:
         def at(points: np.ndarray, a: int = a, b: int = b, cx: int = cx) -> np.ndarray:
             return np.column_stack([cx + 98 * points[:, a] / reach, 106 - 98 * points[:, b] / reach])
 
-        parts.append(f'<rect class="pane" x="{cx - 104}" y="2" width="208" height="208" rx="6"/>')
+        parts.append(pane(cx - 104, 2, 208, 208, 6))
         parts.append(dots(at(some), 0.7, 'opacity="0.4"'))
         places = at(offset)
         parts.append(curve(places, 'class="s5" opacity="0.6"'))
@@ -101,7 +101,7 @@ def _map(direction: np.ndarray) -> str:
     image = np.zeros((HIGH, WIDE, 4), np.uint8)
     rgb = np.where(nearest[:, None] <= SEEN_WITHIN, seen, np.array(UNSEEN))
     image[inside] = np.concatenate([255 * rgb[:, ::-1], np.full((len(rgb), 1), 255)], axis=1)
-    parts = [f'<image width="{WIDE}" height="{HIGH}" href="{data_uri(image, "png")}"/>']
+    parts = [picture(data_uri(image, "png"), WIDE, HIGH)]
 
     def points(unit: np.ndarray) -> np.ndarray:
         return (mollweide(unit) * [1, -1] + [2, 1]) * [WIDE / 4, HIGH / 2]

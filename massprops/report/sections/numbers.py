@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from massprops.mass.recommended import as_recommended, quantities
 from massprops.report.data import RunData
 from massprops.report.html import Safe, between, number, table, text
-from massprops.report.svg import GRID, drawing, line
+from massprops.report.svg import GRID, box, drawing, line
 
 TITLE, ORDER = "Mass properties", 2
 
@@ -77,7 +77,7 @@ def bar(value: float, bounds: Sequence[float] | None) -> str:
     ruler = line(4, 7, 116, 7, GRID) + line(4, 3, 4, 11, GRID) + line(116, 3, 116, 11, GRID)
     parts = (
         f"<title>{low:+.2f} % to {high:+.2f} %, on a ruler of ±10 %</title>{ruler}",
-        f'<rect class="fill" x="{at[0]:.1f}" width="{max(1.5, at[1] - at[0]):.1f}" y="4" height="6" rx="2"/>',
+        box(at[0], 4, max(1.5, at[1] - at[0]), 6, 'class="fill"', 2),
         line(60, 1, 60, 13, 'class="mark"'),
     )
     return drawing(

@@ -7,7 +7,7 @@ import numpy as np
 from massprops.report.data import RunData
 from massprops.report.html import data_uri, number, swatch
 from massprops.report.plot import plot
-from massprops.report.svg import dot, drawing, line
+from massprops.report.svg import dot, drawing, line, pane
 
 TITLE, ORDER = "Images and calibration", 4.5
 CELLS = (12, 9)
@@ -63,7 +63,7 @@ def _over_sensor(data: RunData, left: np.ndarray) -> str:
         return ""
     longest = float(np.linalg.norm(mean[good], axis=1).max()) or 1.0
     w, h = 480, round(480 * float(views.size[0, 1]) / float(views.size[0, 0]))
-    parts = [f'<rect class="pane" width="{w}" height="{h}" rx="4"/>']
+    parts = [pane(0, 0, w, h, 4)]
     for k in np.flatnonzero(good):
         x, y = (k % CELLS[0] + 0.5) * w / CELLS[0], (k // CELLS[0] + 0.5) * h / CELLS[1]
         dx, dy = mean[k] / longest * 0.8 * w / CELLS[0]

@@ -7,7 +7,9 @@ on) and `run(job) -> dict` of small facts for `run.yaml`. It writes into `job.ou
 from __future__ import annotations
 
 from importlib import import_module
-from types import ModuleType
+from typing import Any, Protocol, cast
+
+from massprops.run.job import Job
 
 ORDER = (
     "capture", "sfm", "shape", "silhouettes", "join", "dense", "surface", "scale", "mass", "colour", "sequence", "publish",
@@ -21,6 +23,17 @@ EXTRA = ("colour", "crosscheck")
 """Stages whose failure is a warning: the run's own results stand without them."""
 
 
-def load_stage(name: str, package: str = __name__) -> ModuleType:
+class Stage(Protocol):
+    """What such a file holds."""
+
+    READS: tuple[str, ...]
+    OPTIONS: tuple[str, ...]
+
+    def run(self, job: Job) -> dict[str, Any] | None:
+        """See the top of this file."""
+        ...
+
+
+def load_stage(name: str, package: str = __name__) -> Stage:
     """The module of one stage."""
-    return import_module(f"{package}.{name}")
+    return cast(Stage, import_module(f"{package}.{name}"))

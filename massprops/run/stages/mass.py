@@ -143,7 +143,7 @@ def _evidence(
             misfit=sum(p["images"] for p in join["unjoined"] if not p["fits"]),
             contradicted=contradicted,
             contradicting=contradicting,
-            believed_from=int(sfm.get("believed_from", 0)),
+            matches_required=int(sfm.get("matches_required", 0)),
             readings=tuple(f"{r['reading']} ({r['option']})" for r in readings),
             shutter=str(shutter["said"]) if shutter.get("doubtful") else "",
         ),

@@ -83,7 +83,7 @@ def _solve(job: Job, footage: FootageRecord) -> dict[str, Any]:
         "reprojection_error_px": _mean_error(result.points),
         "residual_rms_px": result.precision.rms_px,
         "contradicted_share": result.against.share,
-        "believed_from": result.believed_from,
+        "matches_required": result.matches_required,
         "masked": result.masked,
         "focal_px": result.cameras[0].focal_px[0],
         "focal_sigma_relative": _finite(result.precision.focal_relative),

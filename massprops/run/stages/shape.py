@@ -1,8 +1,8 @@
 """Stage `shape`: a still object found in space, before there is any silhouette.
 
-Which images show which placement of the object; for each placement dense stereo of all that lies about what the cameras
-look at, the plane that carries it, the piece that stands on the plane, and a first closed shape of that piece, carved by
-the lines of sight of everything else.
+First it is told which images show which placement of the object. For each placement dense stereo measures all that lies about what
+the cameras look at. In that the plane that carries it is found, and the piece that stands on the plane. The lines of sight of
+everything else carve a first closed shape of that piece.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ from massprops.run.drawn_silhouettes import DRAWN, drawn_silhouette, learned_pai
 from massprops.run.job import Job
 from massprops.run.stage_images import undistorted_frame
 from massprops.sfm.footage import mask_file
-from massprops.views import Views
+from massprops.views import AMBIGUOUS, Views
 
 READS = ("capture", "sfm", "shape")
 OPTIONS = ()
@@ -132,7 +132,7 @@ def _from_shapes(job: Job, views: Views, placements: list[dict[str, Any]]) -> tu
         if i in found:
             share.append(_save(job, name, stored(found[i], views, i)))
         else:
-            _save(job, name, np.full((views.size[i, 1], views.size[i, 0]), 128, np.uint8))
+            _save(job, name, np.full((views.size[i, 1], views.size[i, 0]), AMBIGUOUS, np.uint8))
     known = {name for p in placements for name in p["images"]}
     return share, [n for i, n in enumerate(views.names) if i not in found and n in known]
 

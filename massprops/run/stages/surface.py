@@ -94,7 +94,7 @@ def run(job: Job) -> dict[str, Any]:
     from massprops.surface.disagreement import holding
     from massprops.surface.hollow import hollowed
     from massprops.surface.outer import outer_integrals
-    from massprops.surface.spread import Doubts, balancing, replicates, with_rivals
+    from massprops.surface.spread import ErrorSources, balancing, replicates, with_rivals
     from massprops.surface.through_holes import with_open_holes
     from massprops.surface.unlit import spare_unlit
     from massprops.views import Views
@@ -119,10 +119,12 @@ def run(job: Job) -> dict[str, Any]:
     lost = _lost(surface)
     surface, holes = _opened(surface, views, shown) if shown else (surface, NO_HOLES)
     gaps = _outline_gaps(surface, views, masks, free, bool(grey))
-    doubts = Doubts(_focal_sigma(job), gaps, free, balance is not None and surface.fill is not None, _joints(place))
-    rows, lengths = by_shape = replicates(surface, len(views), doubts, seed=job.seed)
+    besides = ErrorSources(
+        _focal_sigma(job), gaps, free, balance is not None and surface.fill is not None, _joints(place)
+    )
+    rows, lengths = by_shape = replicates(surface, len(views), besides, seed=job.seed)
     body = integrals_of_body(surface.vertices, surface.faces)
-    if balance is not None and doubts.balanced:
+    if balance is not None and besides.balanced:
         # cameras that drift take the centre along
         balance = balance.widened(gaps.drift * surface.hull.pixel)
         rng = np.random.default_rng([job.seed, 15])
@@ -136,7 +138,7 @@ def run(job: Job) -> dict[str, Any]:
     rows, differing = holding(rows, body, [(other.body, other.rows) for other in others], job.seed)
     # what the body is within at most, where its replicates leave that open
     outer = outer_integrals(surface.hull, surface.vertices) if collapsed(valid_bodies(rows)) else np.zeros(10)
-    _save(job, surface, (rows, lengths), by_shape if doubts.balanced else (rows, lengths), outer)
+    _save(job, surface, (rows, lengths), by_shape if besides.balanced else (rows, lengths), outer)
     facts = _facts(surface, lost, dict(zip(views.names, gaps.overlap, strict=True)))
     facts["symmetric"] = _symmetric(job, views, masks, cloud, surface, footage) if free else []
     facts |= told | {"camera_drift_px": gaps.drift}
@@ -495,7 +497,8 @@ def _facts(surface: Surface, lost: float, overlap: dict[str, float]) -> dict[str
 
 
 def closed(vertices: np.ndarray, faces: np.ndarray) -> bool:
-    """Whether the mesh is a volume: two faces at each edge, which run along it in opposite directions, and space within."""
+    """Whether a mesh, vertices (v, 3) and faces (f, 3), is a volume: two faces at each edge, which run along it in opposite
+    directions, and space within."""
     one, other = np.asarray(faces, np.int64), np.roll(np.asarray(faces, np.int64), -1, axis=1)
     there, back = (np.sort((a * len(vertices) + b).ravel()) for a, b in ((one, other), (other, one)))
     paired = len(there) > 0 and np.array_equal(there, back) and bool((np.diff(there) > 0).all())

@@ -8,23 +8,30 @@ has a `NAME` besides.
 
 from functools import cache
 from importlib import import_module
-from pathlib import Path
-from types import ModuleType
+from typing import Protocol, cast
 
-from massprops.packaged import Wanted, faults_by, is_text, packaged, takes
-from massprops.sfm.scale.base import Scale, ScaleEstimate, ScaleInputs, choose
+from massprops.packaged import Wanted, faults_by, is_text, names_of, packaged, takes
+from massprops.sfm.scale._base import Scale, ScaleEstimate, ScaleInputs, choose
 
 __all__ = ["Scale", "ScaleEstimate", "ScaleInputs", "choose", "find_scale", "sources"]
 
 WANTED: Wanted = {"estimate": takes(1)}
 
 
+class Source(Protocol):
+    """What such a file holds."""
+
+    def estimate(self, inputs: ScaleInputs) -> ScaleEstimate | None:
+        """See the top of this file."""
+        ...
+
+
 @cache
-def sources() -> dict[str, ModuleType]:
+def sources() -> dict[str, Source]:
     """Every source by its name."""
-    stems = (p.stem for p in Path(__file__).parent.glob("*.py") if p.stem not in ("__init__", "base"))
-    own = {stem: import_module(f"{__name__}.{stem}") for stem in sorted(stems)}
-    return own | packaged("massprops.scale_sources", faults_by({"NAME": is_text, **WANTED}), own)[0]
+    own = {name: import_module(f"{__name__}.{name}") for name in names_of(__name__)}
+    found = own | packaged("massprops.scale_sources", faults_by({"NAME": is_text, **WANTED}), own)[0]
+    return cast("dict[str, Source]", found)
 
 
 def find_scale(inputs: ScaleInputs) -> Scale:

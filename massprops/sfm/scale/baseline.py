@@ -2,7 +2,7 @@
 
 import math
 
-from massprops.sfm.scale.base import ScaleEstimate, ScaleInputs
+from massprops.sfm.scale._base import ScaleEstimate, ScaleInputs
 
 MOUNTING = 1e-3
 """Relative 1-sigma of a baseline whose own is not stated."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from massprops.documents.loading import load_text
 from massprops.errors import InputError
-from massprops.sfm.scale.base import ScaleEstimate, ScaleInputs
+from massprops.sfm.scale._base import ScaleEstimate, ScaleInputs
 
 PICKED = 2e-3
 """1-sigma of a point picked by hand, in model units."""

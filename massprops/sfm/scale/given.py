@@ -1,7 +1,7 @@
 """`--scale`: metres per model unit, that is the object's greatest length in metres."""
 
 from massprops.errors import InputError
-from massprops.sfm.scale.base import ScaleEstimate, ScaleInputs
+from massprops.sfm.scale._base import ScaleEstimate, ScaleInputs
 
 
 def estimate(inputs: ScaleInputs) -> ScaleEstimate | None:

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprops.core.robust import mad_sigma
+from massprops.documents.limits import excerpt
 from massprops.errors import InputError
 from massprops.geometry.vectors import unit
 from massprops.sfm.marker_corners import refine
-from massprops.sfm.scale.base import ScaleEstimate, ScaleInputs
+from massprops.sfm.scale._base import ScaleEstimate, ScaleInputs
 from massprops.views import Views
 
 PRINT = 2e-3
@@ -34,14 +35,14 @@ def parse(text: str) -> MarkerSpec:
     """
     import cv2
 
-    parts = text.split(":")
+    parts, shown = text.split(":"), excerpt(text)
     form = "use DICTIONARY:SIDE_METRES or DICTIONARY:COLSxROWS:SQUARE_METRES, for example 4X4_50:0.05"
     if len(parts) not in (2, 3):
-        raise InputError(f"--marker {text}: not understood; {form}")
+        raise InputError(f"--marker {shown}: not understood; {form}")
     name = parts[0].upper()
     name = name if name.startswith("DICT_") else f"DICT_{name}"
     if not hasattr(cv2.aruco, name):
-        raise InputError(f"--marker {text}: unknown dictionary {parts[0]}; {form}")
+        raise InputError(f"--marker {shown}: unknown dictionary {excerpt(parts[0])}; {form}")
     try:
         side = float(parts[-1])
         board = None
@@ -49,9 +50,9 @@ def parse(text: str) -> MarkerSpec:
             columns, rows = parts[1].lower().split("x")
             board = (int(columns), int(rows))
     except ValueError as error:
-        raise InputError(f"--marker {text}: not understood; {form}") from error
-    if not side > 0 or (board and min(board) < 2):
-        raise InputError(f"--marker {text}: sizes must be above 0 and a board at least 2x2; {form}")
+        raise InputError(f"--marker {shown}: not understood; {form}") from error
+    if not 0 < side < np.inf or (board and min(board) < 2):
+        raise InputError(f"--marker {shown}: sizes must be above 0 and a board at least 2x2; {form}")
     return MarkerSpec(name, side, board)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from massprops.core.robust import mad_sigma
 from massprops.errors import InputError
-from massprops.sfm.scale.base import ScaleEstimate, ScaleInputs
+from massprops.sfm.scale._base import ScaleEstimate, ScaleInputs
 
 
 def estimate(inputs: ScaleInputs) -> ScaleEstimate | None:

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from massprops.diagnosis.search.candidate_fits import fit_candidates
 from massprops.diagnosis.search.case import Case, case_of
-from massprops.diagnosis.search.moment import EVIDENCE, best_moment
-from massprops.diagnosis.search.refit import Added, Scored, refit, with_effects
+from massprops.diagnosis.search.event_time import EVIDENCE, best_event_time
+from massprops.diagnosis.search.refit import Added, FittedModel, refit, with_effects
 from massprops.diagnosis.search.score import score_tests
 from massprops.diagnosis.search.stepwise import stepwise
 from massprops.effects import effects
@@ -21,7 +20,7 @@ QUIET = lambda what, done, total: None  # noqa: E731
 
 
 @pytest.fixture(scope="module")
-def deployed() -> tuple[Case, Scored, float]:
+def deployed() -> tuple[Case, FittedModel, float]:
     """A record with an inertia change, its base model, and the true moment."""
     scenario = TrackScenario(frames=120, features=8, seed=4, rate_deg=4.0, effects=(f"{CHANGE}:4",))
     made = simulate_tracks(scenario)
@@ -33,36 +32,37 @@ def gap(case: Case, moment: float) -> int:
     return int(np.searchsorted(case.problem.times, moment))
 
 
-def moment_of(s: Scored) -> float:
+def moment_of(s: FittedModel) -> float:
     return float(s.fit.state.model.value(CHANGE)[0])
 
 
-def at(case: Case, base: Scored, moment: float) -> Scored:
+def at(case: Case, base: FittedModel, moment: float) -> FittedModel:
     """The fit with the moment held."""
     added = (Added(effects()[CHANGE]),)
     values = {CHANGE: np.array([moment, *[0.0] * 12])}
     return refit(case, with_effects(base.fit.state, added, values), added, hold="time")
 
 
-def test_a_moment_one_epoch_off_is_put_right(deployed: tuple[Case, Scored, float]) -> None:
+def test_a_moment_one_epoch_off_is_put_right(deployed: tuple[Case, FittedModel, float]) -> None:
     case, base, true = deployed
-    rests = fit_candidates(case, base, [effects()[CHANGE]], 1, QUIET, "")[0]
-    assert gap(case, moment_of(rests)) == gap(case, true) + 1, "the search by slopes comes to the right gap by itself"
-    best = stepwise(case, rests, [], QUIET)[-1]
-    assert gap(case, moment_of(best)) == gap(case, true)
-    assert best.bic < rests.bic - EVIDENCE
+    times, right = case.problem.times, gap(case, true)
+    late = at(case, base, float(times[right : right + 2].mean()))
+    assert gap(case, moment_of(late)) == right + 1
+    best = stepwise(case, late, [], QUIET)[-1]
+    assert gap(case, moment_of(best)) == right
+    assert best.bic < late.bic - EVIDENCE
 
 
-def test_a_moment_far_off_is_found(deployed: tuple[Case, Scored, float]) -> None:
+def test_a_moment_far_off_is_found(deployed: tuple[Case, FittedModel, float]) -> None:
     case, base, true = deployed
     wrong = at(case, base, true + 12.0)
     assert moment_of(wrong) == true + 12.0
-    best = best_moment(case, wrong)
+    best = best_event_time(case, wrong)
     assert gap(case, moment_of(best)) == gap(case, true)
     assert best.fitted < 1.03 < wrong.fitted
 
 
-def test_the_score_of_a_move_is_what_the_move_is_worth(deployed: tuple[Case, Scored, float]) -> None:
+def test_the_score_of_a_move_is_what_the_move_is_worth(deployed: tuple[Case, FittedModel, float]) -> None:
     case, base, true = deployed
     near, right = at(case, base, true + 2.0), at(case, base, true)
     values = [np.array([true + d, *[0.0] * 12]) for d in (0.0, 5.0)]

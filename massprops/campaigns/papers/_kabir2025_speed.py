@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from massprops.campaigns.papers import kabir2025_model as model
-from massprops.campaigns.papers.kabir2025_setup import configuration
+from massprops.campaigns.papers import _kabir2025_model as model
+from massprops.campaigns.papers._kabir2025_setup import configuration
 from massprops.estimators.filters import Measurements, Settings, State, filter_epochs
 from massprops.estimators.filters.state import Noise
 

@@ -12,7 +12,7 @@ from types import ModuleType
 import numpy as np
 
 from massprops.diagnosis.search.case import Case
-from massprops.diagnosis.search.refit import MOST_ITERATIONS, Added, Scored, near, refit, with_value
+from massprops.diagnosis.search.refit import MOST_ITERATIONS, Added, FittedModel, near, refit, with_value
 from massprops.diagnosis.search.residual_statistics import count
 from massprops.diagnosis.search.score import score_tests
 from massprops.effects import places_of, searched
@@ -43,7 +43,7 @@ def between_epochs(case: Case, state: BatchState, added: Added) -> BatchState:
     return with_value(state, effect, place, float(middles[now]))
 
 
-def best_moment(case: Case, s: Scored, far: bool = True) -> Scored:
+def best_event_time(case: Case, s: FittedModel, far: bool = True) -> FittedModel:
     """The fit `s`, or one with the moments of its effects in other gaps between epochs if that explains more.
 
     Args:
@@ -66,7 +66,7 @@ def best_moment(case: Case, s: Scored, far: bool = True) -> Scored:
     return s
 
 
-def _promising(case: Case, s: Scored, added: Added, place: int, far: bool) -> float | None:
+def _promising(case: Case, s: FittedModel, added: Added, place: int, far: bool) -> float | None:
     """The middle of the gap to which it would be worth most to move an effect, coarse to fine; None where nothing is."""
     effect = added.effect
     middles, now = _gap(case, s.fit.state, effect, place)
@@ -88,7 +88,7 @@ def _promising(case: Case, s: Scored, added: Added, place: int, far: bool) -> fl
         look = np.linspace(tried[max(i - 1, 0)], tried[min(i + 1, len(tried) - 1)], 2 * len(NEAR) + 1).round()
 
 
-def _decides(s: Scored) -> float:
+def _decides(s: FittedModel) -> float:
     """Difference of BIC that decides between moments: where much is left over anyway, a share of that."""
     return max(EVIDENCE, OF_THE_REST * count(s.fit.residuals) * float(np.log(max(1.0, s.fitted**2))))
 

@@ -28,9 +28,11 @@ def scores(
 ) -> dict[str, float]:
     """Errors of one filter, before, during and after the occlusions.
 
-    Attitude is scored against the one of the 24 true principal frames that was nearest when the first occlusion began
-    (a filter must not leave the frame it has), against the nearest at every epoch, which forgives even that, and
-    against the unique one, of the number `unique` among the 24; hidden (n,): True while occluded.
+    Attitude is scored against three of the 24 true principal frames: the one that was nearest when the first occlusion began,
+    as a filter must not leave the frame it has; the nearest at every epoch, which forgives even that; and the unique one.
+
+    Args:
+        unique: number of the unique frame among the 24; hidden: (n,) True while occluded.
     """
     times = truth["times"]
     T = rotation_matrix(run.q)
@@ -82,5 +84,5 @@ def scores(
 
 
 def rms(x: np.ndarray) -> float:
-    """Root mean square of values that may be huge."""
+    """Root mean square of values (n,) that may be huge."""
     return float(np.sqrt(np.mean(np.square(np.minimum(x, 1e100)))))
