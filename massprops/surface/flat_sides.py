@@ -78,7 +78,7 @@ class FlatSide:
 
 
 def flat_sides(thinned: Thinned, hull: Hull, views: Views, seed: int = 0) -> list[FlatSide]:
-    """The flat sides of a body, each continued as far as it may go.
+    """The flat sides of a body, each continued as far as it may go; none where none goes on.
 
     Args:
         thinned: measured points; hull: what silhouettes leave; views: that the points were measured in.
@@ -88,7 +88,8 @@ def flat_sides(thinned: Thinned, hull: Hull, views: Views, seed: int = 0) -> lis
     first = [_continued(thinned, hull, views, own, plane) for own, plane in found]
     first = [side for side in first if side.measured.any()]
     first += [back for side in first for back in _back(side, first, hull)]
-    return [_until_others(side, first) for side in first]
+    last = [_until_others(side, first) for side in first]
+    return last if any(side.goes_on.any() for side in last) else []
 
 
 def enclosed(sides: list[FlatSide], xyz: np.ndarray) -> np.ndarray:
@@ -130,8 +131,7 @@ def _wider(where: np.ndarray, places: int) -> np.ndarray:
 
 
 def in_front(sides: list[FlatSide], xyz: np.ndarray) -> np.ndarray:
-    """(k,) bool: the nearest side above or below points (k, 3), measured or continued, has them in front of it, and they are not
-    between two sides that face away from each other."""
+    """(k,) bool: the nearest side above or below points (k, 3), measured or continued, has them in front of it."""
     nearest = np.full(len(xyz), np.inf)
     front = np.zeros(len(xyz), bool)
     for side in sides:
@@ -139,8 +139,6 @@ def in_front(sides: list[FlatSide], xyz: np.ndarray) -> np.ndarray:
         closer = (np.abs(height) < nearest) & side.on(xyz, side.measured | side.goes_on)
         nearest[closer] = np.abs(height[closer])
         front[closer] = height[closer] > 0
-    for alike in _by_direction(sides):
-        front &= ~_between(alike, xyz)
     return front
 
 

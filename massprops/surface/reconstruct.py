@@ -79,16 +79,18 @@ class Fill:
     Attributes:
         pull: of the hull on it, per spacing cubed.
         membrane: where an unmeasured side is put, from 0 on the cut to 1 on a membrane over the measured rims.
-        straight: flat sides of a free body go on, as `massprops.surface.flat_sides` says.
+        straight: flat sides go on, as `massprops.surface.flat_sides` says.
     """
 
     pull: float = FILL
     membrane: float = HOLLOW
-    straight: bool = True
+    straight: bool = False
 
 
 FILLED = Fill()
 """How it is where nothing else says how far an unmeasured side reaches."""
+CONTINUED = Fill(straight=True)
+"""How it is in a free body before a black sky, whose unlit sides silhouettes take for sky."""
 STRETCHED = Fill(membrane=1.0)
 """How it is in a still object that no plane bounds: the smallest surface, as far as it reaches all outlines. Of a banana, a screwdriver, a
 padlock and a tin that were turned over (5 to 59 % filled in), volumes that were off by +5.7, +2.2, +4.2 and +0.2 % are off by
@@ -175,21 +177,12 @@ def reconstruct_surface(
     progress(1, 5, "points thinned")
     hull = hull.sparing(thinned.xyz)
     beside = None if surroundings is None else _beside(thinned, surroundings, seed)
-    first = fill if isinstance(fill, Fill) else FILLED
-    sides = flat_sides(thinned, hull, views, seed) if first.straight and moving and masks and support is None else []
-    sides = sides if any(side.goes_on.any() for side in sides) else []
+    first = fill if isinstance(fill, Fill) else CONTINUED
+    sides = flat_sides(thinned, hull, views, seed) if first.straight else []
     given = _Given(
-        thinned=thinned,
-        hull=hull,
-        views=views,
-        masks=masks,
-        cloud=cloud,
-        moving=moving,
-        seed=seed,
-        beside=beside,
-        pull=Pull(first.pull, bool(sides)),
-        sides=sides,
-    )
+        thinned=thinned, hull=hull, views=views, masks=masks, cloud=cloud, moving=moving, seed=seed, beside=beside,
+        pull=Pull(first.pull, bool(sides)), sides=sides,
+    )  # fmt: skip
     progress(2, 5, "first cut")
     pulls = (given.pull, Pull(FILL)) if sides else (given.pull, *(p for p in PULLS if p != given.pull))
     meshes = _meshes(given, pulls)

@@ -10,7 +10,7 @@ from surface.synthetic_dense import asteroid, boxes, cameras, observe, sphere_di
 from massprops.mass.integrals import mesh_integrals
 from massprops.surface.cloud import Cloud, Thinned, thin
 from massprops.surface.flat_sides import FlatSide, enclosed, flat_sides, in_front
-from massprops.surface.reconstruct import FILLED, Fill, Surface, reconstruct_surface
+from massprops.surface.reconstruct import CONTINUED, FILLED, Surface, reconstruct_surface
 from massprops.surface.silhouette import Hull, make_hull
 from massprops.views import Views
 
@@ -48,17 +48,15 @@ def test_the_corner_behind_a_panel_stays_empty() -> None:
     """Seen from its other side alone, the hull fills the corner between the panel and the bus, and so does the smallest surface."""
     views, masks, cloud = filmed(SATELLITE)
     true = SATELLITE.volume
-    web = volume(reconstruct_surface(views, masks, cloud, 8000, fill=Fill(straight=False))) / true - 1
-    straight = volume(reconstruct_surface(views, masks, cloud, 8000, fill=FILLED)) / true - 1
+    web = volume(reconstruct_surface(views, masks, cloud, 8000, fill=FILLED)) / true - 1
+    straight = volume(reconstruct_surface(views, masks, cloud, 8000, fill=CONTINUED)) / true - 1
     assert web > 0.1
     assert abs(straight) < 0.4 * web
 
 
 def test_a_body_without_flat_sides_is_the_same() -> None:
     views, masks, cloud = filmed(asteroid(), (1.0, 0.0, 0.0))
-    with_, without = (
-        reconstruct_surface(views, masks, cloud, 4000, fill=Fill(straight=straight)) for straight in (True, False)
-    )
+    with_, without = (reconstruct_surface(views, masks, cloud, 4000, fill=fill) for fill in (CONTINUED, FILLED))
     assert np.array_equal(with_.vertices, without.vertices)
 
 
@@ -85,7 +83,8 @@ def test_a_plate_has_a_back_that_nothing_was_measured_on() -> None:
     assert -sides[1].offset == pytest.approx(-0.015, abs=0.03)
     views, masks, cloud = filmed(boxes(BUS))
     front = cloud.take(np.flatnonzero(cloud.normal[:, 1] < -0.5))
-    assert len(flat_sides(thin(front, 5000, 0), make_hull(views, masks, front.xyz), views)) == 1
+    sides = flat_sides(thin(front, 5000, 0), make_hull(views, masks, front.xyz), views)
+    assert all(side.normal[1] < 0 for side in sides)
 
 
 def test_what_lies_before_and_between_sides() -> None:
