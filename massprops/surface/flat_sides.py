@@ -19,7 +19,8 @@ from massprops.views import Views
 FACING = np.cos(np.radians(25.0))
 """Of a point's normal with that of its side: those of single points scatter by about 10 degrees."""
 SMALLEST = 0.005
-"""Share of all points that a flat side holds at least."""
+"""Share of all points that a flat side holds at least: of a CubeSat's 55 000 points the seen strip of its panel's back held 1300, half a
+bus side 300. This and the numbers of places below were set on four path-traced films (CubeSats 9 and 11, foil 9 and 11)."""
 ROUND = 1.3
 """A flat side has about as many points within twice its band as within it: a ball twice as many, a cylinder 1.4 times."""
 TRIES, MOST = 100, 24
