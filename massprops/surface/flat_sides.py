@@ -8,6 +8,7 @@ piecewise planar completion of Chauve, Labatut and Pons 2010), and space in fron
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,6 +34,9 @@ THIN, RIM = 0.15, 0.5
 """Room behind a side, of its width, within which it may be a plate, and the share of its rim where that is so."""
 ALIKE, BORNE = np.cos(np.radians(8.0)), 0.8
 """Of normals of sides that may be parallel, and the share of a side's points that must bear it."""
+SEEN_BACK = 0.1
+"""Share of a side's rim behind which another side was measured, above which its back is known. Of any other shape it is so where a point
+was measured for each of its places; of what was seen, about two are."""
 TIGHTEST = 0.1
 """Quantile of that room along the rim which bounds how thick a plate is. Of CubeSats whose panels were measured on both sides it was
 3.0 (2 px), 4 and 1.1 times what they measured."""
@@ -88,12 +92,12 @@ def flat_sides(thinned: Thinned, hull: Hull, views: Views, seed: int = 0) -> lis
     found = _found(thinned, seed)
     first = [_continued(thinned, hull, views, own, plane) for own, plane in found]
     first = [side for side in first if side.measured.any()]
-    first += [back for side in first for back in _back(side, first, hull)]
+    first += [back for side in first for back in _back(side, first, thinned, hull)]
     last = [_until_others(side, first) for side in first]
     return last if any(side.goes_on.any() for side in last) else []
 
 
-def enclosed(sides: list[FlatSide], xyz: np.ndarray) -> np.ndarray:
+def enclosed(sides: Sequence[FlatSide], xyz: np.ndarray) -> np.ndarray:
     """(k,) bool: points (k, 3) that lie between two sides which face away from each other, in two directions at least."""
     return np.sum([_between(alike, xyz) for alike in _by_direction(sides)], axis=0) > 1
 
@@ -131,7 +135,7 @@ def _wider(where: np.ndarray, places: int) -> np.ndarray:
     return np.asarray((binary_dilation if places > 0 else binary_erosion)(where, iterations=abs(places)))
 
 
-def in_front(sides: list[FlatSide], xyz: np.ndarray) -> np.ndarray:
+def in_front(sides: Sequence[FlatSide], xyz: np.ndarray) -> np.ndarray:
     """(k,) bool: the nearest side above or below points (k, 3), measured or continued, has them in front of it."""
     nearest = np.full(len(xyz), np.inf)
     front = np.zeros(len(xyz), bool)
@@ -242,7 +246,7 @@ def _continued(thinned: Thinned, hull: Hull, views: Views, own: np.ndarray, plan
     return _reached(replace(side, measured=measured), free)
 
 
-def _back(side: FlatSide, others: list[FlatSide], hull: Hull) -> list[FlatSide]:
+def _back(side: FlatSide, others: list[FlatSide], thinned: Thinned, hull: Hull) -> list[FlatSide]:
     """The other side of a plate of which nothing was measured, if silhouettes show it to be one: they end next to most of its rim."""
     from scipy.ndimage import binary_erosion
 
@@ -252,10 +256,14 @@ def _back(side: FlatSide, others: list[FlatSide], hull: Hull) -> list[FlatSide]:
         return []
     width = side.step * np.sqrt(side.measured.sum())
     start = side.places(rim)
+    height = side.height(thinned.xyz)
+    behind = (height < -_band(thinned)) & (height > -THIN * width) & (thinned.normal @ side.normal < 0)
+    if (behind & side.on(thinned.xyz, side.measured)).sum() > side.measured.sum():
+        return []
     for other in others:
         if other.normal @ side.normal < -FACING:
-            gap = -other.height(start)
-            if (other.on(start, other.measured) & (np.abs(gap) < THIN * width)).mean() > 0.1:
+            near = np.abs(other.height(start)) < THIN * width
+            if (other.on(start, other.measured) & near).mean() > SEEN_BACK:
                 return []
     room = hull.room(start, np.tile(-side.normal, (len(start), 1)), width)
     thin = (room > 0) & (room < THIN * width)
@@ -309,7 +317,7 @@ def _reached(side: FlatSide, free: np.ndarray) -> FlatSide:
     return replace(side, goes_on=np.isin(part, np.unique(part[side.measured])) & free & ~side.measured)
 
 
-def _by_direction(sides: list[FlatSide]) -> list[list[FlatSide]]:
+def _by_direction(sides: Sequence[FlatSide]) -> list[list[FlatSide]]:
     """Sides that are parallel, together."""
     out: list[list[FlatSide]] = []
     for side in sides:

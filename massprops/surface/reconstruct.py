@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -90,13 +91,13 @@ class Fill:
 FILLED = Fill()
 """How it is where nothing else says how far an unmeasured side reaches."""
 CONTINUED = Fill(straight=True)
-"""How it is in a free body before a black sky, whose unlit sides silhouettes take for sky."""
+"""How it may be in a free body before a black sky, whose unlit sides silhouettes take for sky."""
 STRETCHED = Fill(membrane=1.0)
 """How it is in a still object that no plane bounds: the smallest surface, as far as it reaches all outlines. Of a banana, a screwdriver, a
 padlock and a tin that were turned over (5 to 59 % filled in), volumes that were off by +5.7, +2.2, +4.2 and +0.2 % are off by
 -4.8, -1.5, +3.9 and +0.1 %, and k1 of the banana by .005 in place of .111."""
 PULLS = Pull(FILL), Pull(0.0)
-"""Between which a free body's motion chooses; where flat sides go on, also with these."""
+"""Between which a free body's motion chooses, and `CONTINUED` where it has flat sides that go on."""
 Film = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 """Of vertices (v, 3), faces (f, 3) and which vertices are held (v,): where all are on a film over those."""
 Mesh = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -177,15 +178,21 @@ def reconstruct_surface(
     progress(1, 5, "points thinned")
     hull = hull.sparing(thinned.xyz)
     beside = None if surroundings is None else _beside(thinned, surroundings, seed)
-    first = fill if isinstance(fill, Fill) else CONTINUED
-    sides = flat_sides(thinned, hull, views, seed) if first.straight else []
+    first = fill if isinstance(fill, Fill) else FILLED
     given = _Given(
-        thinned=thinned, hull=hull, views=views, masks=masks, cloud=cloud, moving=moving, seed=seed, beside=beside,
-        pull=Pull(first.pull, bool(sides)), sides=sides,
-    )  # fmt: skip
+        thinned=thinned,
+        hull=hull,
+        views=views,
+        masks=masks,
+        cloud=cloud,
+        moving=moving,
+        seed=seed,
+        beside=beside,
+        pull=Pull(first.pull),
+    )
+    given = _with_flat_sides(given) if first.straight else given
     progress(2, 5, "first cut")
-    pulls = (given.pull, Pull(FILL)) if sides else (given.pull, *(p for p in PULLS if p != given.pull))
-    meshes = _meshes(given, pulls)
+    meshes = _meshes(given, (given.pull, *(p for p in PULLS if p != given.pull)))
     mesh = next(meshes)[1]
     progress(4, 5, "cut")
     surface = _finished(given, mesh, fill) if isinstance(fill, Fill) else _balanced(given, mesh, meshes, fill)
@@ -210,10 +217,10 @@ def _balanced(given: _Given, mesh: Mesh, others: Iterator[tuple[Pull, Mesh]], ba
         return mesh_integrals(cuts[pull].at(membrane_share), cuts[pull].faces)
 
     meshes, cuts = {given.pull: mesh}, {given.pull: cut_of(mesh, given.pull)}
-    usual = Fill(given.pull.strength, straight=given.pull.straight)
     if not tells(cuts[given.pull], balance):
-        return _finished(given, mesh, usual)
-    for pull, other in others:
+        return _finished(given, mesh, FILLED)
+    continued = _with_flat_sides(given)
+    for pull, other in chain(others, _meshes(continued, (continued.pull,)) if continued.sides else ()):
         meshes[pull], cuts[pull] = other, cut_of(other, pull)
     ways = {pull: fill_centres(cut) for pull, cut in cuts.items()}
     likely, tried = balanced(ways, HOLLOW, balance), set[Fill]()
@@ -231,6 +238,12 @@ def _balanced(given: _Given, mesh: Mesh, others: Iterator[tuple[Pull, Mesh]], ba
     return replace(surface, rivals=tuple((way.chance, integrals(way.pull, way.membrane) - body) for way in less_likely))
 
 
+def _with_flat_sides(given: _Given) -> _Given:
+    """The same with the flat sides that go on, if there are any."""
+    sides = flat_sides(given.thinned, given.hull, given.views, given.seed)
+    return replace(given, sides=sides, pull=Pull(given.pull.strength, True)) if sides else given
+
+
 def _held(kinds: np.ndarray, pull: Pull) -> np.ndarray:
     """(v,) bool: vertices that no film moves."""
     return np.isin(kinds, (MEASURED, CONTACT, SHOWN, FLAT) if pull.straight else (MEASURED, CONTACT, SHOWN))
@@ -241,7 +254,7 @@ def _finished(given: _Given, mesh: Mesh, fill: Fill) -> Surface:
     vertices, faces, kinds = mesh
     hull, cloud, h = given.hull, given.cloud, given.thinned.spacing
     support = hull.support
-    measured, fixed = kinds == MEASURED, _held(kinds, Pull(fill.pull, fill.straight and bool(given.sides)))
+    measured, fixed = kinds == MEASURED, _held(kinds, Pull(fill.pull, fill.straight))
     film = membrane if given.moving and support is None else least_area
     vertices = _hollow(vertices, faces, fixed, support, fill.membrane, film)
     if given.masks and not given.moving:
@@ -273,7 +286,7 @@ class _Given:
     seed: int
     beside: Thinned | None
     pull: Pull
-    sides: list[FlatSide]
+    sides: Sequence[FlatSide] = ()
     more: SilhouetteOnly | None = None
 
 
@@ -289,7 +302,7 @@ def _meshes(given: _Given, pulls: Sequence[Pull]) -> Iterator[tuple[Pull, Mesh]]
     tetra, kind, costs, inside = _cut_out(given)
     if given.masks:
         # another thing that was measured is no part of the object, though a silhouette may show it
-        every = joined(tetra, costs[given.pull.straight], inside, moving=True)
+        every = joined(tetra, costs, inside, moving=True)
         vertices, faces, _ = _mesh(tetra, kind, every)
         spacing = given.thinned.spacing
         shown = (vertices, faces), given.views, given.masks, given.hull, spacing, given.seed
@@ -298,7 +311,7 @@ def _meshes(given: _Given, pulls: Sequence[Pull]) -> Iterator[tuple[Pull, Mesh]]
             tetra, kind, costs, inside = _cut_out(replace(given, more=more))
     guard = (kind[tetra.corners] == GUARD).any(1)
     for k, pull in enumerate(pulls):
-        own = costs[pull.straight].pulled(pull.strength - given.pull.strength)
+        own = costs.pulled(pull.strength - given.pull.strength)
         label = inside if pull == given.pull else minimum_cut(tetra, own)
         body = manifold(tetra, joined(tetra, own, label, given.moving, bool(given.masks)), guard)
         if body.sum() >= 10:
@@ -307,14 +320,11 @@ def _meshes(given: _Given, pulls: Sequence[Pull]) -> Iterator[tuple[Pull, Mesh]]
             raise NotPossible("surface: no closed body in the dense points; more of the object must be seen")
 
 
-def _cut_out(given: _Given) -> tuple[Tetrahedra, np.ndarray, dict[bool, Costs], np.ndarray]:
-    """Tetrahedra, the kind of each point, costs by whether flat sides go on, and (t,) bool which are inside at least cost."""
+def _cut_out(given: _Given) -> tuple[Tetrahedra, np.ndarray, Costs, np.ndarray]:
+    """Tetrahedra, the kind of each point, costs, and (t,) bool which are inside at least cost."""
     tetra, kind = _tetrahedra(given)
-    sight = _sight(given, tetra, kind)
-    costs = {
-        straight: _costs(given, tetra, kind, sight, straight) for straight in (False, True)[: 1 + bool(given.sides)]
-    }
-    return tetra, kind, costs, minimum_cut(tetra, costs[given.pull.straight])
+    costs = _costs(given, tetra, kind)
+    return tetra, kind, costs, minimum_cut(tetra, costs)
 
 
 def _sound(cloud: Cloud) -> Cloud:
@@ -487,12 +497,8 @@ def _one_per_cell(xyz: np.ndarray, size: np.ndarray) -> np.ndarray:
     return xyz[np.sort(np.unique(code, return_index=True)[1])]
 
 
-Sight = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""What `sight_evidence` gives, and (t,) cost of calling outside what lies just behind measured points."""
-
-
-def _sight(given: _Given, tetra: Tetrahedra, kind: np.ndarray) -> Sight:
-    """What lines of sight and measured points say. Arguments as of `_tetrahedra`, and what it gives."""
+def _sight(given: _Given, tetra: Tetrahedra, kind: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What `sight_evidence` gives, and (t,) cost of calling outside what lies just behind measured points. Arguments as of `_costs`."""
     thinned, views, beside = given.thinned, given.views, given.beside
     h, n = thinned.spacing, len(thinned.xyz)
     # After averaging, a point is better than one measurement; neighbours still differ by a part of it.
@@ -517,14 +523,14 @@ def _sight(given: _Given, tetra: Tetrahedra, kind: np.ndarray) -> Sight:
     return into, free, sure
 
 
-def _costs(given: _Given, tetra: Tetrahedra, kind: np.ndarray, sight: Sight, straight: bool) -> Costs:
-    """What the cut pays. Arguments as of `_sight`, what it gives, and whether flat sides go on."""
+def _costs(given: _Given, tetra: Tetrahedra, kind: np.ndarray) -> Costs:
+    """What the cut pays. Arguments as of `_tetrahedra`, and what it gives."""
     hull, more, h = given.hull, given.more, given.thinned.spacing
-    into, free, sure = sight
+    into, free, sure = _sight(given, tetra, kind)
     volume = tetra.volume
     middle = tetra.points[tetra.corners].mean(1)
     sky = hull.value(middle)
-    if straight:
+    if given.pull.straight:
         # an end that turns away from the Sun looks like sky
         sky = np.where(enclosed(given.sides, middle), np.minimum(sky, 0.0), sky)
     share = np.cbrt(volume) / h
@@ -533,7 +539,7 @@ def _costs(given: _Given, tetra: Tetrahedra, kind: np.ndarray, sight: Sight, str
     outside = np.where(guard, 1e6, outside)
     space = np.where((sky <= 0.5) & ~guard, np.minimum(volume / h**3, 2000.0) * np.exp(-free), 0.0)
     both, before = AREA * np.minimum(tetra.facet_area / h**2, 200.0), None
-    if straight:
+    if given.pull.straight:
         before = np.where(in_front(given.sides, middle), space, 0.0)
         space = space - before
         outside = outside + given.pull.strength * before

@@ -419,14 +419,14 @@ def _surface(
     """
     from massprops.surface.cloud import Cloud
     from massprops.surface.outline_cloud import surface_of_outlines
-    from massprops.surface.reconstruct import CONTINUED, FILLED, STRETCHED, reconstruct_surface
+    from massprops.surface.reconstruct import FILLED, STRETCHED, reconstruct_surface
     from massprops.surface.shading import with_brightness
     from massprops.surface.silhouette import shown_as_object
     from massprops.surface.unlit import spare_behind_light
 
     (views, masks, grey), (cloud, table) = seen, clouds
     support = None if place["support_plane"] is None else np.array(place["support_plane"], float)
-    unless_shown = CONTINUED if grey else STRETCHED if support is None and not moving else FILLED
+    unless_shown = STRETCHED if support is None and not moving else FILLED
     beside = None
     if (job.work("join") / "other.npz").is_file():
         beside = Cloud.load(job.work("join") / "other.npz")
