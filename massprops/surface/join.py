@@ -130,7 +130,7 @@ def _facets(tetra: Tetrahedra) -> tuple[np.ndarray, np.ndarray]:
 def _passages(
     tetra: Tetrahedra, costs: Costs, inside: np.ndarray, shut: np.ndarray, facet: np.ndarray, limit: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """FillCentres through the outside, from facet to facet of one tetrahedron; shut: (t,) bool, tetrahedra that none leads through.
+    """Ways through the outside, from facet to facet of one tetrahedron; shut: (t,) bool, tetrahedra that none leads through.
 
     Returns:
         ends (p, 2) facets, price (p,) of calling the tetrahedron inside and closing its two other facets, through

@@ -524,7 +524,7 @@ class _Pair:
         self.same: dict[tuple[bytes, ...], bool] = {}
 
     def answers(self) -> list[_Answer]:
-        """FillCentres of laying the second placement onto the first, in the order of their silhouettes."""
+        """Ways of laying the second placement onto the first, in the order of their silhouettes."""
         from scipy.spatial.transform import Rotation
 
         few = self.outlines.some(FEW, self.rng)
