@@ -24,8 +24,8 @@ SMALLEST = 0.005
 bus side 300. This and the numbers of places below were set on four path-traced films (CubeSats 9 and 11, foil 9 and 11)."""
 ROUND = 1.3
 """A flat side has about as many points within twice its band as within it: a ball twice as many, a cylinder 1.4 times."""
-TRIES, MOST = 100, 24
-"""Places at which a side is looked for, each time, and sides at most."""
+TRIES, FITS, MOST = 100, 3, 24
+"""Places at which a side is looked for, each time, how often a plane is fitted to the points on it, and sides at most."""
 NEIGHBOURS = 50
 """Points that a side is first fitted to."""
 BLOCK, SEEN = 4, 3
@@ -166,7 +166,7 @@ def _found(thinned: Thinned, seed: int) -> list[tuple[np.ndarray, Plane]]:
         start = rng.choice(np.flatnonzero(left), TRIES)
         near = tree.query(thinned.xyz[start], 2 * NEIGHBOURS)[1]  # of a thin part both sides
         alike = [n[thinned.normal[n] @ thinned.normal[s] > FACING] for s, n in zip(start, near, strict=True)]
-        own, plane = max((_grown(thinned, own, left, band, 3) for own in alike), key=lambda found: len(found[0]))
+        own, plane = max((_grown(thinned, own, left, band) for own in alike), key=lambda found: len(found[0]))
         if len(own) < least:
             break
         wide = np.flatnonzero(left & _near(thinned, plane, 2 * band))
@@ -176,12 +176,10 @@ def _found(thinned: Thinned, seed: int) -> list[tuple[np.ndarray, Plane]]:
     return out
 
 
-def _grown(
-    thinned: Thinned, own: np.ndarray, left: np.ndarray, band: float, rounds: int = 1
-) -> tuple[np.ndarray, Plane]:
+def _grown(thinned: Thinned, own: np.ndarray, left: np.ndarray, band: float) -> tuple[np.ndarray, Plane]:
     """Points of those that are `left` (m,) bool on the plane through points `own`, and that plane."""
     plane = np.array([0.0, 0.0, 1.0]), np.inf
-    for _ in range(rounds):
+    for _ in range(FITS):
         if len(own) < NEIGHBOURS // 2:
             return np.zeros(0, np.int64), plane
         plane = _fit(thinned, own)

@@ -31,7 +31,7 @@ from massprops.geometry.vectors import sphere
 from massprops.mass.integrals import mesh_integrals
 from massprops.surface.cloud import Cloud, Thinned, thin, without_outliers
 from massprops.surface.cut import Costs, manifold, minimum_cut, surface_faces
-from massprops.surface.fill_by_motion import Balance, Cut, Pull, balanced, centre_of, fill_centres, tells
+from massprops.surface.fill_by_motion import Balance, Cut, LikelyFill, Pull, balanced, centre_of, fill_centres, tells
 from massprops.surface.flat_sides import FlatSide, enclosed, flat_sides, in_front
 from massprops.surface.join import joined
 from massprops.surface.outline_fill import filling_outlines
@@ -210,7 +210,10 @@ def _balanced(given: _Given, mesh: Mesh, others: Iterator[tuple[Pull, Mesh]], ba
     def cut_of(mesh: Mesh, pull: Pull) -> Cut:
         vertices, faces, kinds = mesh
         return Cut(
-            vertices, faces, kinds == MEASURED, _hollow(vertices, faces, _held(kinds, pull), given.hull.support, 1.0)
+            vertices,
+            faces,
+            kinds == MEASURED,
+            _hollow(vertices, faces, _held(kinds, pull.straight), given.hull.support, 1.0),
         )
 
     def integrals(pull: Pull, membrane_share: float) -> np.ndarray:
@@ -225,9 +228,7 @@ def _balanced(given: _Given, mesh: Mesh, others: Iterator[tuple[Pull, Mesh]], ba
     ways = {pull: fill_centres(cut) for pull, cut in cuts.items()}
     likely, tried = balanced(ways, HOLLOW, balance), set[Fill]()
     # taking the noise out of measured sides moves the centre, too, much alike for all ways of filling in
-    while (fill := Fill(likely[0].pull.strength, likely[0].membrane, likely[0].pull.straight)) not in tried and len(
-        tried
-    ) < 3:
+    while (fill := _as_fill(likely[0])) not in tried and len(tried) < 3:
         tried.add(fill)
         chosen, pull = fill, likely[0].pull
         surface = _finished(given, meshes[pull], fill)
@@ -238,15 +239,19 @@ def _balanced(given: _Given, mesh: Mesh, others: Iterator[tuple[Pull, Mesh]], ba
     return replace(surface, rivals=tuple((way.chance, integrals(way.pull, way.membrane) - body) for way in less_likely))
 
 
+def _as_fill(likely: LikelyFill) -> Fill:
+    return Fill(likely.pull.strength, likely.membrane, likely.pull.straight)
+
+
 def _with_flat_sides(given: _Given) -> _Given:
     """The same with the flat sides that go on, if there are any."""
     sides = flat_sides(given.thinned, given.hull, given.views, given.seed)
     return replace(given, sides=sides, pull=Pull(given.pull.strength, True)) if sides else given
 
 
-def _held(kinds: np.ndarray, pull: Pull) -> np.ndarray:
-    """(v,) bool: vertices that no film moves."""
-    return np.isin(kinds, (MEASURED, CONTACT, SHOWN, FLAT) if pull.straight else (MEASURED, CONTACT, SHOWN))
+def _held(kinds: np.ndarray, straight: bool) -> np.ndarray:
+    """(v,) bool: vertices that no film moves; straight: flat sides go on."""
+    return np.isin(kinds, (MEASURED, CONTACT, SHOWN, FLAT) if straight else (MEASURED, CONTACT, SHOWN))
 
 
 def _finished(given: _Given, mesh: Mesh, fill: Fill) -> Surface:
@@ -254,7 +259,7 @@ def _finished(given: _Given, mesh: Mesh, fill: Fill) -> Surface:
     vertices, faces, kinds = mesh
     hull, cloud, h = given.hull, given.cloud, given.thinned.spacing
     support = hull.support
-    measured, fixed = kinds == MEASURED, _held(kinds, Pull(fill.pull, fill.straight))
+    measured, fixed = kinds == MEASURED, _held(kinds, fill.straight)
     film = membrane if given.moving and support is None else least_area
     vertices = _hollow(vertices, faces, fixed, support, fill.membrane, film)
     if given.masks and not given.moving:

@@ -16,7 +16,7 @@ from numba import njit
 from massprops.geometry.projection import pixels_of
 from massprops.geometry.vectors import unit
 from massprops.surface.cloud import Cloud
-from massprops.views import Views
+from massprops.views import AMBIGUOUS, Views
 
 Array = np.ndarray
 
@@ -194,7 +194,7 @@ def lit_overlap(drawn: np.ndarray, mask: np.ndarray, measured: np.ndarray) -> fl
 
     inner = cv2.erode((mask == 255).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     rim = (mask == 255) & ~inner & ~drawn
-    return overlap(drawn, np.where(rim | ((mask == 0) & measured), np.uint8(128), mask))
+    return overlap(drawn, np.where(rim | ((mask == 0) & measured), np.uint8(AMBIGUOUS), mask))
 
 
 _View = tuple[np.ndarray, int, int, tuple[float, ...]]
