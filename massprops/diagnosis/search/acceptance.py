@@ -15,7 +15,7 @@ PREDICTS = 1.12
 PATH_PREDICTS = 1.1
 """The same up to which no other path than a free fall beside the chaser is looked for."""
 HINT = 2.0
-"""ScoreTest of the correlation between neighbours that hints at structure where a model predicts badly."""
+"""Score of the correlation between neighbours that hints at structure where a model predicts badly."""
 WORSE = 0.01
 """Rise of the held-out residual over the noise with which an effect is still believed."""
 ENOUGH = 1.02

@@ -34,7 +34,7 @@ def fit_candidates(
     pays: bool = False,
     against: float = np.inf,
 ) -> list[FittedModel]:
-    """ScoreTest tests of all candidates added to a model, then fits of the promising ones, best first.
+    """Score tests of all candidates added to a model, then fits of the promising ones, best first.
 
     Args:
         fewest: effects that are fitted in any case; what: told to `watch`.

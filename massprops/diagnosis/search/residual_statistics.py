@@ -10,7 +10,7 @@ from massprops.model.measurements import Measurements
 TRIMMED = 0.02
 """Share of the largest residuals that never counts: wrong tracks."""
 WHITE = 4.0
-"""ScoreTest of the correlation between neighbours beyond which residuals have structure."""
+"""Score of the correlation between neighbours beyond which residuals have structure."""
 
 
 def _parts(r: Residuals) -> list[tuple[np.ndarray, int]]:
@@ -50,7 +50,7 @@ def count(r: Residuals) -> int:
 
 
 def whiteness(r: Residuals, m: Measurements, rate_memory: int = 1) -> float:
-    """ScoreTest of the correlation between neighbouring residuals of the same sensor: standard normal for white noise.
+    """Score of the correlation between neighbouring residuals of the same sensor: standard normal for white noise.
 
     Tracks are compared along time within a camera and feature. Residuals are taken relative to their own size, so a
     wrongly stated noise does not count as structure.

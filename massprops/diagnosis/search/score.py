@@ -1,4 +1,4 @@
-"""ScoreTest tests: what an effect would be worth beside a model, from gradient and curvature, without a fit.
+"""Score tests: what an effect would be worth beside a model, from gradient and curvature, without a fit.
 
 Effects that change nothing at the values where they are tried leave the model's motion as it is, so many of them stand
 in one linearisation, and the equations of each are a part of those of all.
