@@ -108,7 +108,7 @@ class ErrorSources:
 def replicates(
     surface: Surface,
     views: int,
-    besides: ErrorSources,
+    sources: ErrorSources,
     count: int = 1000,
     blocks: int = 12,
     seed: int = 0,
@@ -118,7 +118,7 @@ def replicates(
     Args:
         surface: the estimate, with its cloud and hull.
         views: number of views the cloud's lists refer to.
-        besides: what else is uncertain.
+        sources: what else is uncertain.
         count: replicates.
         blocks: blocks of neighbouring views that are drawn together.
         seed: of the draws.
@@ -139,10 +139,10 @@ def replicates(
 
     middle, window = mesh[0][mesh[1]].mean(axis=1), max(2 * surface.spacing, WINDOW * pixel)
     scatter = face_scatter(middle, surface.observed, surface.cloud, window, rng)
-    drift = besides.gaps.drift * pixel if besides.gaps else 0.0
+    drift = sources.gaps.drift * pixel if sources.gaps else 0.0
     add(rng.standard_normal((count, 1)), _common(surface, scatter)[None])
-    if besides.gaps:
-        add(_of_outlines(count, rng, besides.never_lit), besides.gaps.offset[None] * pixel)
+    if sources.gaps:
+        add(_of_outlines(count, rng, sources.never_lit), sources.gaps.offset[None] * pixel)
     offset = _bootstrap(surface, patch, views, count, blocks, rng)
     rows += offset @ _by_patch(response, patch, offset.shape[1])
     for e in (0, 1):
@@ -152,14 +152,14 @@ def replicates(
     by_side = np.hypot(np.maximum(SIDE_PIXELS * pixel, scatter), drift)
     of_measured = measured_modes(*mesh, surface.observed, ends.length, by_side)
     add(rng.standard_normal((count, len(of_measured))), of_measured)
-    of_fill = _of_fill(surface, besides, ends.length)
-    add(_fill_draws(surface, besides, (count, len(of_fill)), rng), of_fill)
+    of_fill = _of_fill(surface, sources, ends.length)
+    add(_fill_draws(surface, sources, (count, len(of_fill)), rng), of_fill)
 
-    for joint in besides.joints:
+    for joint in sources.joints:
         add(joint.drawn(count, rng), _carried(surface, joint))
 
-    lengths += _of_ends(surface, ends, count, rng, besides.never_lit)
-    size = np.hypot(besides.focal, drift / float(np.sqrt(mesh[0].var(axis=0).sum())))
+    lengths += _of_ends(surface, ends, count, rng, sources.never_lit)
+    size = np.hypot(sources.focal, drift / float(np.sqrt(mesh[0].var(axis=0).sum())))
     strain = _strains(size, count, rng)
     lengths *= 1 + np.einsum("rij,i,j->r", strain, ends.direction, ends.direction)
     return deform(rows, strain), np.maximum(lengths, 0.1 * ends.length)
@@ -222,15 +222,15 @@ def _common(surface: Surface, scatter: np.ndarray) -> np.ndarray:
     return np.where(shown, np.maximum(BIAS_PIXELS * surface.hull.pixel, scatter), 0.0)
 
 
-def _outlined(surface: Surface, besides: ErrorSources, length: float) -> np.ndarray | None:
+def _outlined(surface: Surface, sources: ErrorSources, length: float) -> np.ndarray | None:
     """(f,) distance from where outlines show the mesh, which they do to the margin of a silhouette: fill of still objects that was
     brought out to them was 1.1, 0.7, -0.3 and -0.7 px off in the middle on four rendered things. None of a free body that stereo
     measured; length: of the body."""
-    if besides.never_lit and surface.observed.any():
+    if sources.never_lit and surface.observed.any():
         return None
-    if besides.gaps is None:
+    if sources.gaps is None:
         return np.full(len(surface.faces), np.inf) if surface.observed.any() else None
-    away = besides.gaps.distance
+    away = sources.gaps.distance
     if surface.observed.any():
         away = np.where(away <= REACH * length, away, np.inf)
     else:
@@ -238,14 +238,14 @@ def _outlined(surface: Surface, besides: ErrorSources, length: float) -> np.ndar
     return np.asarray(away + SILHOUETTE_MARGIN * surface.hull.pixel / COMMON)
 
 
-def _of_fill(surface: Surface, besides: ErrorSources, length: float) -> np.ndarray:
+def _of_fill(surface: Surface, sources: ErrorSources, length: float) -> np.ndarray:
     """(m, f) `fill_modes` of the surface; length: of the body."""
-    mesh, outlined = (surface.vertices, surface.faces), _outlined(surface, besides, length)
+    mesh, outlined = (surface.vertices, surface.faces), _outlined(surface, sources, length)
     return fill_modes(*mesh, surface.observed, length, surface.inferred, outlined, surface.slope)
 
 
 def _fill_draws(
-    surface: Surface, besides: ErrorSources, shape: tuple[int, int], rng: np.random.Generator
+    surface: Surface, sources: ErrorSources, shape: tuple[int, int], rng: np.random.Generator
 ) -> np.ndarray:
     """(count, modes) of how far a fill is off, in sigmas of its modes, of which the first is common to all."""
     drawn = rng.standard_normal(shape)
@@ -257,8 +257,8 @@ def _fill_draws(
         # a hull holds its body: what it hides is inward
         drawn[:, 0] = -np.abs(drawn[:, 0])
         drawn[:, 1:] *= 0.5
-    elif besides.never_lit:
-        drawn[:, 0] = ((0.0 if besides.balanced else DARK_MEAN) + DARK_SIGMA * drawn[:, 0]) / COMMON
+    elif sources.never_lit:
+        drawn[:, 0] = ((0.0 if sources.balanced else DARK_MEAN) + DARK_SIGMA * drawn[:, 0]) / COMMON
     return drawn
 
 

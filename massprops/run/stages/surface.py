@@ -119,12 +119,12 @@ def run(job: Job) -> dict[str, Any]:
     lost = _lost(surface)
     surface, holes = _opened(surface, views, shown) if shown else (surface, NO_HOLES)
     gaps = _outline_gaps(surface, views, masks, free, bool(grey))
-    besides = ErrorSources(
+    sources = ErrorSources(
         _focal_sigma(job), gaps, free, balance is not None and surface.fill is not None, _joints(place)
     )
-    rows, lengths = by_shape = replicates(surface, len(views), besides, seed=job.seed)
+    rows, lengths = by_shape = replicates(surface, len(views), sources, seed=job.seed)
     body = integrals_of_body(surface.vertices, surface.faces)
-    if balance is not None and besides.balanced:
+    if balance is not None and sources.balanced:
         # cameras that drift take the centre along
         balance = balance.widened(gaps.drift * surface.hull.pixel)
         rng = np.random.default_rng([job.seed, 15])
@@ -138,7 +138,7 @@ def run(job: Job) -> dict[str, Any]:
     rows, differing = holding(rows, body, [(other.body, other.rows) for other in others], job.seed)
     # what the body is within at most, where its replicates leave that open
     outer = outer_integrals(surface.hull, surface.vertices) if collapsed(valid_bodies(rows)) else np.zeros(10)
-    _save(job, surface, (rows, lengths), by_shape if besides.balanced else (rows, lengths), outer)
+    _save(job, surface, (rows, lengths), by_shape if sources.balanced else (rows, lengths), outer)
     facts = _facts(surface, lost, dict(zip(views.names, gaps.overlap, strict=True)))
     facts["symmetric"] = _symmetric(job, views, masks, cloud, surface, footage) if free else []
     facts |= told | {"camera_drift_px": gaps.drift}
