@@ -10,7 +10,7 @@ vector of offsets, one a face, and costs one product of matrices. Each replicate
 3. the focal length: a symmetric strain with entries N(0, sigma_focal), which is how an error of self-calibration deforms
    a shape whose poses were fitted with it;
 4. patches of one side, and unmeasured faces in proportion to their distance from measured surface (`error_modes`), and on
-   a still object from where outlines show it;
+   a still object from where outlines show it; as far as the part is thick, and silhouettes leave room (`fill_bounds`);
 5. how placements of an object that was turned over lie on each other;
 6. cameras that drift: where the object's outlines lie outside or inside the mesh's (`outline_gaps`) the surface is off by
    that; as far as they scatter about it, it is off in patches and bent as a whole; of a still object, either of the two may be
@@ -34,6 +34,7 @@ import numpy as np
 
 from massprops.mass.integrals import PAIRS, mesh_integrals, offset_response
 from massprops.surface.error_modes import COMMON, REACH, SIDE_PIXELS, fill_modes, measured_modes
+from massprops.surface.fill_bounds import beyond_bounds
 from massprops.surface.fill_by_motion import Balance
 from massprops.surface.length import model_length
 from massprops.surface.outline_gaps import SILHOUETTE_MARGIN, Gaps
@@ -153,7 +154,9 @@ def replicates(
     of_measured = measured_modes(*mesh, surface.observed, ends.length, by_side)
     add(rng.standard_normal((count, len(of_measured))), of_measured)
     of_fill = _of_fill(surface, sources, ends.length)
-    add(_fill_draws(surface, sources, (count, len(of_fill)), rng), of_fill)
+    of_replicates = _fill_draws(surface, sources, (count, len(of_fill)), rng)
+    add(of_replicates, of_fill)
+    rows -= beyond_bounds(mesh, surface.hull, of_fill, of_replicates, response)
 
     for joint in sources.joints:
         add(joint.drawn(count, rng), _carried(surface, joint))
