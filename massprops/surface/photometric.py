@@ -4,45 +4,34 @@ Stereo matches windows as planes, or bent as a noisy depth map bends. On plain c
 views alike: small windows that bend as the mesh does agree at the true place, there too, but each by itself says next to nothing.
 So at places spread over the surface a small window is moved along the normal. How well the images agree there (mean normalised
 cross-correlation of all pairs) is a curve over the distance moved. These curves are averaged over the surface about, and the surface
-goes to their maxima (Vu, Labatut, Pons, Keriven 2012 descend the same measure).
-
-How much of a move is noise shows in the images: each half of the images about a place gives its own, and what the halves have in
-common is the share that counts (Spearman 1910; Brown 1910).
+goes to their maxima (Vu, Labatut, Pons, Keriven 2012 descend the same measure), as far as halves of the images agree on that.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_matrix
 
 from massprops.geometry.interpolation import peak
 from massprops.geometry.projection import camera_rows
 from massprops.geometry.rasterise import rasterise
 from massprops.geometry.vectors import unit
-from massprops.surface.cloud import Cloud
+from massprops.surface.moved import Mesh, averaging, in_common, moved, spread_out
 from massprops.surface.reconstruct import Surface
-from massprops.surface.refine import edge_length, mean_matrix, vertex_normals
-from massprops.surface.silhouette import agreement
+from massprops.surface.refine import edge_length, vertex_normals
 from massprops.views import Views
 
 Array = np.ndarray
 
-ROUNDS = 2
-"""Times that the surface is moved: it bends otherwise after each."""
 RADIUS, STEPS, FARTHEST = 3, 21, 5.0
 """Of a window, of 7 x 7 places a pixel apart; places along the normal at which it is compared, and how far the outer ones are [px].
 On the narrow sides of a bottle that stereo had 2.1 px too deep, windows of 7, 11 and 19 px were best 0, 0.5 and 2 px below the truth."""
 NOISE = 2.0
 """Grey levels below which contrast says nothing."""
-APART, MOST_TRIED, MOST_PLACES = 3.0, 20_000, 6000
-"""Between places that are compared [px], or farther, so that there are no more about which windows are asked for, and no more that are
-compared: each takes a millisecond."""
+APART, MOST_PLACES = 3.0, 6000
+"""Between places that are compared [px], or farther, and how many there are at most: each takes a millisecond."""
 ABOUT, EDGES, NEIGHBOURS, LEAST_NEIGHBOURS = 8.0, 3.5, 64, 20
 """Surface within this distance [px], and within so many edges of the mesh, says how a window bends, by so many of its vertices at most,
 and at least."""
@@ -55,18 +44,8 @@ MOST_VIEWS, LEAST_VIEWS = 8, 3
 """Images of each half that are compared at a place, and those without which it says nothing."""
 SPREAD = 12.0
 """1-sigma of the surface over which curves are averaged [px]; as far again in the normal, where it turns by a radian."""
-MOST_AVERAGED = 256
-"""Places that are averaged, at most."""
 COMMON = 2.0
 """How much wider the surface is over which the halves are compared."""
-OWN_WEIGHT, STAY_WEIGHT = 0.3, 0.05
-"""What a place's own move counts, and all vertices' staying over the places among them, over the difference from the mean of the neighbours.
-Where every tenth vertex is one a move fades in seven edges."""
-HELD = 1e6
-"""The same of what must not move."""
-WORSE = 2.0
-"""Standard errors of the mean over the images by which the overlap may fall. Of a chair, a padlock and a shoe, whose volumes came out worse, it
-fell by 12, 12 and 2.7; of a bottle whose volume went from -3.1 to -1.3 % by 1.6; of three things it rose by 1.4 to 11. That was before windows kept off the support."""
 
 
 class _Images(NamedTuple):
@@ -92,33 +71,19 @@ class _Windows(NamedTuple):
 def moved_to_images(
     surface: Surface, views: Views, grey: list[np.ndarray], masks: list[np.ndarray], placement: np.ndarray
 ) -> Surface:
-    """The surface with its cloud, moved to where the images agree best; what is closed at the support stays.
-
-    Outlines have no part in that, and so they judge it: where silhouettes then overlap less, by more than images differ, the surface stays
-    as it was.
+    """The surface with its cloud, moved to where the images agree best, as `moved` does that.
 
     Args:
         views: n cameras; grey: n undistorted images (h, w); masks: n undistorted silhouettes (h, w), 255 object, 0 sky.
         placement: (n,) int: images are compared with those of the same placement, in which the light falls alike.
     """
     images, pixel = _packed(views, grey), surface.hull.pixel
-    vertices, cloud = surface.vertices, surface.cloud
-    held = np.zeros(len(vertices), bool)
-    held[surface.faces[surface.inferred]] = True
-    for _ in range(ROUNDS):
-        may = _off_support(vertices, surface.hull.support, pixel)
-        place, offset = offsets((vertices, surface.faces), may, views, images, placement, pixel)
-        if not len(place):
-            break
-        along = _over_all(vertices, surface.faces, place, offset, held)
-        normal = vertex_normals(vertices, surface.faces)
-        cloud = _carried(cloud, vertices, along[:, None] * normal)
-        vertices = vertices + along[:, None] * normal
-    before, after = (agreement(v, surface.faces, views, masks) for v in (surface.vertices, vertices))
-    gain = (after - before)[np.isfinite(after - before)]
-    if gain.mean() < -WORSE * gain.std() / np.sqrt(len(gain)):
-        return surface
-    return replace(surface, vertices=vertices, cloud=cloud)
+
+    def ask(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
+        may = _off_support(mesh[0], surface.hull.support, pixel)
+        return offsets(mesh, may, views, images, placement, pixel)
+
+    return moved(surface, ask, views, masks)
 
 
 def offsets(
@@ -134,7 +99,7 @@ def offsets(
     Args:
         mesh: vertices (v, 3), faces (f, 3); may: (v,) bool, where that is asked; pixel: of an image at the object [world units].
     """
-    chosen = np.flatnonzero(may)[_spread_out(mesh[0][may], APART * pixel)]
+    chosen = np.flatnonzero(may)[spread_out(mesh[0][may], APART * pixel)]
     windows, whole = _windows(mesh, chosen, pixel)
     kept = np.flatnonzero(whole)
     kept = kept[np.linspace(0, len(kept) - 1, min(len(kept), MOST_PLACES)).astype(int)]
@@ -148,15 +113,12 @@ def offsets(
         return np.zeros(0, int), np.zeros(0)
     chosen, curves = chosen[known], curves[known]
     feature = np.column_stack([windows.place[known] / pixel, SPREAD * windows.normal[known]])
-    smooth = _averaging(feature, SPREAD) @ curves.reshape(len(curves), -1)
+    smooth = averaging(feature, SPREAD) @ curves.reshape(len(curves), -1)
     halves = smooth.reshape(curves.shape)
     first, second, both = (_highest(c, along) for c in (halves[:, 0], halves[:, 1], halves.mean(axis=1)))
     told = np.isfinite(first) & np.isfinite(second) & np.isfinite(both)
     first, second, both, feature = first[told], second[told], both[told], feature[told]
-    wide = _averaging(feature, COMMON * SPREAD)
-    common, size = wide @ (first * second), wide @ (0.5 * (first**2 + second**2))
-    share = np.clip(common / np.maximum(size, 1e-12), 0.0, 1.0)
-    return chosen[told], 2 * share / (1 + share) * both * pixel
+    return chosen[told], in_common(feature, COMMON * SPREAD, first, second, both) * pixel
 
 
 def _off_support(vertices: np.ndarray, support: np.ndarray | None, pixel: float) -> np.ndarray:
@@ -171,17 +133,6 @@ def _packed(views: Views, grey: list[np.ndarray]) -> _Images:
     shape = np.array([(a, *g.shape) for a, g in zip(np.cumsum(size) - size, grey, strict=True)], np.int64)
     image = np.concatenate([g.ravel() for g in grey]).astype(np.float32)
     return _Images(image, shape, camera_rows(views.K, views.R, views.t))
-
-
-def _spread_out(vertices: np.ndarray, apart: float) -> np.ndarray:
-    """Vertices (k,) int, one of each cell of a grid, at most MOST_TRIED."""
-    while len(vertices):
-        cell = np.floor((vertices - vertices.min(axis=0)) / apart).astype(np.int64)
-        chosen = np.asarray(np.unique(cell, axis=0, return_index=True)[1])
-        if len(chosen) <= MOST_TRIED:
-            return chosen
-        apart *= np.sqrt(1.05 * len(chosen) / MOST_TRIED)
-    return np.zeros(0, int)
 
 
 def _windows(mesh: tuple[np.ndarray, np.ndarray], chosen: np.ndarray, pixel: float) -> tuple[_Windows, np.ndarray]:
@@ -332,19 +283,6 @@ def _window(images: _Images, windows: _Windows, n: int, i: int, pixel: float, al
     return True
 
 
-def _averaging(feature: np.ndarray, sigma: float) -> csr_matrix:
-    """Sparse (n, n) matrix of means with normal weights over neighbours in a space of features (n, 6)."""
-    from scipy.sparse import csr_matrix
-    from scipy.spatial import cKDTree
-
-    near, index = cKDTree(feature).query(feature, min(MOST_AVERAGED, len(feature)), distance_upper_bound=2.5 * sigma)
-    weight = np.exp(-0.5 * (near / sigma) ** 2)
-    weight /= weight.sum(axis=1, keepdims=True)
-    rows = np.repeat(np.arange(len(feature)), near.shape[1])
-    index = np.where(np.isfinite(near), index, 0)
-    return csr_matrix((weight.ravel(), (rows, index.ravel())), shape=(len(feature),) * 2)
-
-
 def _highest(curves: np.ndarray, along: np.ndarray) -> np.ndarray:
     """(n,) where each of the curves (n, s) is highest, by a parabola through three places; not a number at either end."""
     top = np.argmax(curves, axis=1)
@@ -352,25 +290,3 @@ def _highest(curves: np.ndarray, along: np.ndarray) -> np.ndarray:
     k, n = np.clip(top, 1, len(along) - 2), np.arange(len(curves))
     beyond = peak(curves[n, k - 1], curves[n, k], curves[n, k + 1])
     return np.where(inside, along[k] + (along[1] - along[0]) * beyond, np.nan)
-
-
-def _over_all(
-    vertices: np.ndarray, faces: np.ndarray, place: np.ndarray, offset: np.ndarray, held: np.ndarray
-) -> np.ndarray:
-    """(v,) offsets of all vertices, from those known at some of them, and none where `held` (v,): as a film over these,
-    which nowhere goes beyond them."""
-    from scipy.sparse import diags, identity
-    from scipy.sparse.linalg import spsolve
-
-    size = len(vertices)
-    weight, right = np.full(size, STAY_WEIGHT * len(place) / size), np.zeros(size)
-    weight[place], right[place] = OWN_WEIGHT, OWN_WEIGHT * offset
-    weight[held], right[held] = HELD, 0.0
-    return np.asarray(spsolve((identity(size) - mean_matrix(faces, size) + diags(weight)).tocsc(), right))
-
-
-def _carried(cloud: Cloud, vertices: np.ndarray, shift: np.ndarray) -> Cloud:
-    """The points, each moved as the nearest vertex is by `shift` (v, 3)."""
-    from scipy.spatial import cKDTree
-
-    return replace(cloud, xyz=cloud.xyz + shift[cKDTree(vertices).query(cloud.xyz)[1]])
