@@ -27,8 +27,8 @@ from massprops.sfm.chance import drop_chance
 from massprops.sfm.convert import take_out_images, to_views
 from massprops.sfm.database import write_database
 from massprops.sfm.distinct import Described, describe, largest, match_distinct, repeating
-from massprops.sfm.features import FeatureOptions, extract_all, with_denoising
-from massprops.sfm.footage import FootageRecord
+from massprops.sfm.features import FeatureOptions, extract_all, unmasked_warning, with_denoising
+from massprops.sfm.footage import FootageRecord, FrameRecord
 from massprops.sfm.mapping import MappingOptions, map_images, match, verify
 from massprops.sfm.match_parts import MatchParts
 from massprops.sfm.refine import RefineOptions, adjust, remove_outliers
@@ -205,15 +205,15 @@ def attempt(
     """
     work.mkdir(parents=True, exist_ok=True)
     if given is None:
-        features, warnings, repeats = _features(footage, options, masked, way, progress)
+        features, warnings, repeats, described = _features(footage, options, masked, way, progress)
     else:
-        features, warnings, repeats = given, [], False
+        features, warnings, repeats, described = given, [], False, {}
         _require_texture(features, len(footage.frames))
     special = way == "faint" or repeats
     mapping = mapping_options(footage, options, masked, special)
     database = work / "database.db"
     ids = write_database(database, footage, features)
-    one = _distinct(database, ids, features, mapping) if repeats else partial(match, database, options=mapping)
+    one = _distinct(database, ids, described, mapping) if repeats else partial(match, database, options=mapping)
     compare = _in_batches(one, MatchParts(database, options.parts), ids, mapping, progress)
     names = [f.name for f in footage.frames if f.name in features]
     descriptors = [features[n][1] for n in names]
@@ -245,10 +245,17 @@ def attempt(
     return found
 
 
-def _features(
-    footage: FootageRecord, options: SfmOptions, masked: bool, way: Way, progress: Progress
-) -> tuple[Features, list[str], bool]:
-    """The features of all images, warnings, and whether most of them repeat within their images.
+class _Found(NamedTuple):
+    """Features, warnings, whether most features repeat within their images, and then each image's features described."""
+
+    features: Features
+    warnings: list[str]
+    repeats: bool
+    described: dict[str, Described]
+
+
+def _features(footage: FootageRecord, options: SfmOptions, masked: bool, way: Way, progress: Progress) -> _Found:
+    """The features of all images. A few tell whether a pattern repeats, before the others are looked at.
 
     Raises:
         NotPossible: too little texture.
@@ -256,15 +263,31 @@ def _features(
     wanted = {"usual": options.features, "enlarged": options.enlarged, "faint": options.faint}[way]
     if way == "enlarged":
         wanted = with_denoising(footage, wanted)
-    features, warnings = extract_all(footage, wanted, masked, options.threads, progress, options.parts)
-    _require_texture(features, len(footage.frames))
-    repeats = repeating(_some(features)) > REPEATS
+    images = len(footage.frames)
+
+    def extract(frames: list[FrameRecord], before: int = 0) -> tuple[Features, list[str]]:
+        def counted(done: int, total: int, what: str) -> None:
+            progress(before + done, images, what)
+
+        return extract_all(footage, wanted, masked, options.threads, counted, options.parts, frames)
+
+    some = sorted(footage.frames, key=lambda f: f.name)
+    some = some[:: max(1, len(some) // LOOKED_AT)]
+    features, unmasked = extract(some)
+    repeats = repeating([describe(*f) for f in features.values()]) > REPEATS
+    looked_at = {f.name for f in some}
     if repeats and wanted.most < options.unlimited:
-        wanted = replace(wanted, most=options.unlimited)
-        features, warnings = extract_all(footage, wanted, masked, options.threads, progress, options.parts)
+        wanted, features, unmasked, looked_at = replace(wanted, most=options.unlimited), {}, [], set()
+    others, without = extract([f for f in footage.frames if f.name not in looked_at], len(looked_at))
+    features |= others
+    features = {f.name: features[f.name] for f in footage.frames if f.name in features}
+    _require_texture(features, images)
+    described = {}
     if repeats:
-        features = {n: largest(*f, ENOUGH_UNIQUE) for n, f in features.items()}
-    return features, warnings, repeats
+        for name, (keypoints, descriptors) in features.items():
+            kept, described[name] = largest(keypoints, descriptors, ENOUGH_UNIQUE)
+            features[name] = keypoints[kept], descriptors[kept]
+    return _Found(features, unmasked_warning(footage, unmasked + without), repeats, described)
 
 
 def _require_texture(features: Features, images: int) -> None:
@@ -296,11 +319,6 @@ def _most(models: list[pycolmap.Reconstruction]) -> int:
     return models[0].num_reg_images() if models else 0
 
 
-def _some(features: Features) -> list[Described]:
-    names = sorted(features)
-    return [describe(*features[n]) for n in names[:: max(1, len(names) // LOOKED_AT)]]
-
-
 def _in_batches(
     compare: Match, kept: MatchParts, ids: dict[str, int], mapping: MappingOptions, progress: Progress
 ) -> Match:
@@ -316,9 +334,7 @@ def _in_batches(
     return all_of
 
 
-def _distinct(database: Path, ids: dict[str, int], features: Features, mapping: MappingOptions) -> Match:
-    described = {n: describe(*f) for n, f in features.items()}
-
+def _distinct(database: Path, ids: dict[str, int], described: dict[str, Described], mapping: MappingOptions) -> Match:
     def compare(pairs: Names) -> None:
         verify(database, ids, {(a, b): match_distinct(described[a], described[b]) for a, b in pairs}, mapping)
 

@@ -59,8 +59,9 @@ def describe(keypoints: np.ndarray, descriptors: np.ndarray) -> Described:
     return Described(rows, own, np.flatnonzero(own > LEAST_OWN))
 
 
-def largest(keypoints: np.ndarray, descriptors: np.ndarray, enough: int) -> tuple[np.ndarray, np.ndarray]:
-    """The features of largest scales among which at least `enough` repeat nowhere; all where there are fewer of these.
+def largest(keypoints: np.ndarray, descriptors: np.ndarray, enough: int) -> tuple[np.ndarray, Described]:
+    """Places (d,) of the features of largest scales among which at least `enough` repeat nowhere, all where there are fewer of these,
+    and these features described.
 
     What a feature is held against grows with their number, and so does the cost of a pair with its square: large photographs
     show many times what a pair needs.
@@ -73,11 +74,12 @@ def largest(keypoints: np.ndarray, descriptors: np.ndarray, enough: int) -> tupl
     count = enough
     while count < len(order):
         some = np.sort(order[:count])
-        unique = len(describe(keypoints[some], descriptors[some]).index)
+        described = describe(keypoints[some], descriptors[some])
+        unique = len(described.index)
         if unique >= enough:
-            return keypoints[some], descriptors[some]
+            return some, described
         count = min(2 * count, count * enough // max(unique, 1)) + 1
-    return keypoints, descriptors
+    return np.arange(len(order)), describe(keypoints, descriptors)
 
 
 def unit(descriptors: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ the wrong size without a word. OpenCV's SIFT finds the same places as COLMAP's t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -163,15 +164,17 @@ def extract_all(
     threads: int,
     progress: Progress = silent,
     parts: Parts | None = None,
+    frames: Sequence[FrameRecord] | None = None,
 ) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], list[str]]:
-    """Features of every frame, by name, and warnings; places are those of the frames turned as their camera's are.
+    """Features of every frame, by name, and the names of those that lack a silhouette; places are those of the frames turned as
+    their camera's are.
 
     With `masked`, a frame without a silhouette is used whole before black sky and left out otherwise, where a still
-    background would hold the solver. `parts` keeps each frame's as soon as they are found.
+    background would hold the solver. `parts` keeps each frame's as soon as they are found. `frames` are those of the footage that
+    are looked at, all by default.
     """
-    warnings: list[str] = []
     unmasked: list[str] = []
-    parts = parts or Parts()
+    parts, frames = parts or Parts(), footage.frames if frames is None else frames
 
     def one(frame: FrameRecord) -> tuple[str, np.ndarray, np.ndarray] | None:
         gray = cv2.imread(str(footage.image(frame.name)), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
@@ -197,11 +200,14 @@ def extract_all(
     found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     cv2.setNumThreads(1)  # one thread an image, and the same features every time
     with ThreadPoolExecutor(max(1, threads)) as pool:
-        for i, result in enumerate(pool.map(one, footage.frames)):
-            progress(i + 1, len(footage.frames), "features")
+        for i, result in enumerate(pool.map(one, frames)):
+            progress(i + 1, len(frames), "features")
             if result is not None:
                 found[result[0]] = (result[1], result[2])
-    if unmasked:
-        what = "used whole" if footage.background == "black" else "left out"
-        warnings.append(f"{len(unmasked)} frames have no silhouette and were {what}")
-    return found, warnings
+    return found, unmasked
+
+
+def unmasked_warning(footage: FootageRecord, unmasked: list[str]) -> list[str]:
+    """What to say of frames that lack a silhouette, if there are any."""
+    what = "used whole" if footage.background == "black" else "left out"
+    return [f"{len(unmasked)} frames have no silhouette and were {what}"] if unmasked else []

@@ -8,11 +8,10 @@ from typing import cast
 
 import numpy as np
 import pytest
-import trimesh
 from surface.synthetic_dense import cameras, sphere_directions
+from surface.synthetic_ellipsoid import height_over, mesh_off, seen
 
 from massprops.geometry.rasterise import silhouette
-from massprops.surface.cloud import Cloud
 from massprops.surface.photometric import moved_to_images
 from massprops.surface.reconstruct import Surface
 from massprops.surface.silhouette import Hull
@@ -27,16 +26,10 @@ SIZE, PIXEL, DEEP = (320, 240), 1 / 80, 1.5
 def filmed(paint_of: int = 0) -> tuple[Views, list[np.ndarray], list[np.ndarray]]:
     """Cameras about a painted ellipsoid, their images and silhouettes; paint_of: each image has its own paint from the second on."""
     views, grey, masks = cameras(sphere_directions(24), 5.0, 400.0, SIZE), [], []
-    u, v = np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1]))
-    pixels = np.stack([u, v, np.ones_like(u)], axis=-1).astype(float)
     for i in range(len(views)):
         rng = np.random.default_rng([4, i * paint_of])
         wave, phase = rng.standard_normal((20, 3)) / (2.5 * PIXEL), rng.uniform(0, 2 * np.pi, 20)
-        ray = (pixels @ np.linalg.inv(views.K[i]).T @ views.R[i]) / AXES
-        eye = views.centres[i] / AXES
-        a, b, c = (ray**2).sum(-1), ray @ eye, eye @ eye - 1
-        hit = b**2 > a * c
-        place = (eye + ((-b - np.sqrt(np.where(hit, b**2 - a * c, 0))) / a)[..., None] * ray) * AXES
+        hit, place = seen(views, i, AXES, SIZE)
         paint = 128 + 8 * np.cos(place @ wave.T + phase).sum(-1)
         grey.append(np.where(hit, paint, 20).astype(np.float32))
         masks.append(np.where(hit, 255, 0).astype(np.uint8))
@@ -44,21 +37,14 @@ def filmed(paint_of: int = 0) -> tuple[Views, list[np.ndarray], list[np.ndarray]
 
 
 def too_deep() -> Surface:
-    mesh = trimesh.creation.icosphere(5, 1.0)
-    vertices, faces = np.asarray(mesh.vertices) * AXES, np.asarray(mesh.faces)
-    normal = vertices / AXES**2
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    vertices, every = vertices - DEEP * PIXEL * normal, np.ones(len(faces), bool)
-    cloud = Cloud(
-        vertices, normal, np.full(len(vertices), PIXEL), np.arange(len(vertices) + 1), np.zeros(len(vertices), int)
-    )
+    vertices, faces, cloud = mesh_off(AXES, -DEEP * PIXEL, PIXEL)
+    every = np.ones(len(faces), bool)
     return Surface(vertices, faces, every, ~every, cast(Hull, SimpleNamespace(pixel=PIXEL, support=None)), cloud, 0.03)
 
 
 def depth_of(vertices: np.ndarray) -> np.ndarray:
     """(v,) how deep places lie below the ellipsoid, to first order [px]."""
-    slope = vertices / AXES**2
-    return (1 - ((vertices / AXES) ** 2).sum(1)) / (2 * np.linalg.norm(slope, axis=1)) / PIXEL
+    return -height_over(vertices, AXES) / PIXEL
 
 
 def test_a_surface_that_is_too_deep_comes_out_to_where_images_agree() -> None:
