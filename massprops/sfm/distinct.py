@@ -99,12 +99,16 @@ def match_distinct(a: Described, b: Described) -> np.ndarray:
         return np.zeros((0, 2), np.uint32)
     first, second = a.unit[a.index], b.unit[b.index]
     cosine = first @ second.T
-    best, back = cosine.argmax(1), cosine.argmax(0)
+    best = cosine.argmax(1)
     row = np.arange(len(best))
     angle = angles(cosine[row, best])
     near = (angle < OWN_RATIO * np.minimum(a.own[a.index], b.own[b.index[best]])) & (angle < WIDEST)
-    # few are left to be held against the features that repeat
-    row = row[(back[best] == row) & near]
+    # the largest of each column costs a thirtieth of where it is; few are left to be held against the features that repeat
+    top = cosine.max(0)
+    row = row[(cosine[row, best] == top[best]) & near]
+    if np.count_nonzero(cosine == top) > len(top):
+        # of equal ones the first counts
+        row = row[cosine.T[best[row]].argmax(1) == row]
     best = best[row]
     to_b, to_a = first[row] @ b.unit.T, second[best] @ a.unit.T
     ok = (to_b.argmax(1) == b.index[best]) & (to_a.argmax(1) == a.index[row])
