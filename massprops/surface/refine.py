@@ -114,6 +114,18 @@ def mean_matrix(faces: np.ndarray, size: int) -> csr_matrix:
     return diags(1 / np.maximum(np.asarray(link.sum(1)).ravel(), 1)) @ link
 
 
+def without_islands(faces: np.ndarray, fixed: np.ndarray, least: int) -> np.ndarray:
+    """(v,) bool: those of the vertices that are `fixed` (v,) of which at least so many hang together by edges of the faces (f, 3)."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    edges = np.concatenate([faces[:, [i, (i + 1) % 3]] for i in range(3)])
+    i, j = edges[fixed[edges].all(axis=1)].T
+    graph = coo_matrix((np.ones(len(i), np.int8), (i, j)), shape=(len(fixed),) * 2)
+    label = connected_components(graph, directed=False)[1]
+    return np.asarray(fixed & (np.bincount(label)[label] >= least))
+
+
 def membrane(vertices: np.ndarray, faces: np.ndarray, fixed: np.ndarray) -> np.ndarray:
     """Vertices (v, 3) of which each that is not `fixed` (v,) is the mean of its neighbours: a film over the fixed rims
     (Desbrun, Meyer, Schroeder, Barr 1999, with uniform weights)."""

@@ -7,6 +7,7 @@ import pytest
 import trimesh
 
 from massprops.surface.reconstruct import HOLLOW, _hollow
+from massprops.surface.refine import without_islands
 from massprops.surface.silhouette import make_hull
 from massprops.views import Views
 
@@ -49,3 +50,26 @@ def test_fill_that_hangs_over_a_support_is_a_film(support: tuple[float, ...] | N
     found = _hollow(vertices, faces, ~below, None if support is None else np.array(support), HOLLOW)
     assert found[deepest, 2] == pytest.approx(-0.2 - depth * 0.9, abs=0.02)
     assert np.array_equal(found[~below], vertices[~below])
+
+
+def test_walls_below_an_overhang_go_with_the_film_that_spans_them() -> None:
+    """A cut leaves a block below the middle of a seat: its walls look sideways, its film looks down."""
+    seat = trimesh.creation.box((2.0, 2.0, 0.2)).subdivide().subdivide().subdivide().subdivide()
+    vertices, faces = np.array(seat.vertices), np.array(seat.faces)
+    below = np.isclose(vertices[:, 2], -0.1) & (np.abs(vertices[:, :2]).max(axis=1) < 0.99)
+    block = below & (np.abs(vertices[:, :2]).max(axis=1) < 0.55)
+    vertices[block, 2] -= 0.8
+    found = _hollow(vertices, faces, ~below, np.array([0.0, 0.0, 1.0, 2.0]), HOLLOW)
+    np.testing.assert_allclose(found[below, 2], -0.1, atol=0.02)
+
+
+def test_a_few_outliers_do_not_hold_a_film() -> None:
+    plate = trimesh.creation.box((2.0, 2.0, 0.2)).subdivide().subdivide().subdivide()
+    vertices, faces = np.array(plate.vertices), np.array(plate.faces)
+    fixed = vertices[:, 2] > -0.09
+    single = int(np.argmin(np.linalg.norm(vertices - (0.0, 0.0, -0.1), axis=1)))
+    fixed[single] = True
+    held = without_islands(faces, fixed, 10)
+    assert not held[single] and np.array_equal(np.flatnonzero(held), np.flatnonzero(vertices[:, 2] > -0.09))
+    assert without_islands(faces, fixed, 1)[single]
+    assert not without_islands(faces, np.zeros(len(vertices), bool), 1).any()
