@@ -188,7 +188,9 @@ def _lost(surface: Surface) -> float:
 def _by_images(
     surface: Surface, views: Views, grey: list[np.ndarray], masks: list[np.ndarray], place: dict[str, Any]
 ) -> Surface:
-    """The surface of a still object, moved to where its images agree best; grey: undistorted images (h, w); `place` is `join.json`."""
+    """The surface of a still object, moved to where its images agree best, and its thin parts to their edges; grey: undistorted images
+    (h, w); `place` is `join.json`."""
+    from massprops.surface.edges import moved_to_edges
     from massprops.surface.photometric import moved_to_images
 
     if not surface.observed.any():
@@ -196,7 +198,9 @@ def _by_images(
     placement = np.zeros(len(views), np.int64)
     for number, joint in enumerate(_joints(place), start=1):
         placement[joint.first : joint.last + 1] = number
-    return moved_to_images(surface, views, grey, masks, placement)
+    surface = moved_to_images(surface, views, grey, masks, placement)
+    # where an object lay on either side no one support tells what is its shade
+    return surface if len(place["joined"]) > 1 else moved_to_edges(surface, views, grey, masks)
 
 
 def _draw_silhouettes_again(job: Job, surface: Surface, views: Views, masks: list[np.ndarray], moving: bool) -> None:
