@@ -11,6 +11,7 @@ import trimesh
 from synthetic_dense import cameras, observe, sphere_directions
 
 from massprops.mass.integrals import mesh_integrals
+from massprops.surface import silhouette_only
 from massprops.surface.cloud import Cloud
 from massprops.surface.reconstruct import reconstruct_surface
 from massprops.surface.silhouette import make_hull
@@ -107,3 +108,19 @@ def test_what_more_views_show_as_sky_is_no_part() -> None:
         hull = replace(make_hull(views, mixed, only.xyz), need=len(masks) - 2)
         found = silhouette_only_space(block, views, mixed, hull, 0.02, 0, sharp=True)
         assert (found is not None) == kept
+
+
+def test_what_a_mesh_misses_nearly_all_of_is_asked_on_fewer_rays(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where images were placed wrongly, rays through all that is missing took gigabytes."""
+    asked = []
+    along = silhouette_only._along
+    monkeypatch.setattr(silhouette_only, "_along", lambda *given: asked.append(along(*given)) or asked[-1])
+    views, cloud, masks = footage()
+    hull, block = make_hull(views, list(masks), cloud.xyz), (np.asarray(BLOCK.vertices), np.asarray(BLOCK.faces))
+    silhouette_only_space(block, views, list(masks), hull, 0.01, 0)
+    every = sum(map(len, asked))
+    asked.clear()
+    monkeypatch.setattr(silhouette_only, "MOST_LOOKED_AT", every // 4)
+    found = silhouette_only_space(block, views, list(masks), hull, 0.01, 0)
+    assert sum(map(len, asked)) < every / 3
+    assert found is not None and found.inside[:, 0].max() > 1.0
