@@ -83,8 +83,7 @@ def offsets(
         support: (4,) plane the object stands on, or None; pixel: of an image at the object [world units].
     """
     none = np.zeros(0, int), np.zeros(0)
-    thin = np.zeros(len(mesh[1]), bool)
-    thin[thickness(mesh, np.arange(len(mesh[1]))) < THIN * pixel] = True
+    thin = thickness(mesh, np.arange(len(mesh[1]))) < THIN * pixel
     edges = _edges(mesh, thin, views, grey, support, pixel)
     vertices, normal = mesh[0], vertex_normals(*mesh)
     own = np.unique(mesh[1][thin])
