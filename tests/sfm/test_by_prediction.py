@@ -74,6 +74,27 @@ def test_a_film_that_is_placed_whole_costs_nothing_more(steps: list[Any]) -> Non
     assert steps == ["firm_part", "match_predicted"]
 
 
+@pytest.mark.parametrize(("against_all", "all_of_it"), [(0.0, True), (0.02, False)])
+def test_where_matches_contradict_what_the_firm_part_grew_to_all_of_it_is_asked(
+    steps: list[Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path, against_all: float, all_of_it: bool
+) -> None:
+    first, database = tmp_path / "first.db", tmp_path / "matches.db"
+    first.write_bytes(b"without a model")
+    database.write_bytes(b"of the firm part")
+    whole, given = Model(40), inputs()
+    given = ModelInputs(SimpleNamespace(repeats=True, database=database), given.footage, given.options, tmp_path)  # type: ignore[arg-type]
+
+    def shares(model: Any, matches: Path) -> Any:
+        assert matches == first
+        return SimpleNamespace(share=against_all if model is whole else 0.02)
+
+    monkeypatch.setattr(grown_film, "firm_part", lambda model, order, least: Model(16))
+    monkeypatch.setattr(grown_film, "contradictions", shares)
+    model, _, _ = grown_film.by_prediction(whole, given, first, tumbling=False)
+    assert (model is whole) == all_of_it and model.num_reg_images() == 40
+    assert database.read_bytes() == (b"without a model" if all_of_it else b"of the firm part")
+
+
 def test_matches_made_without_a_model_are_kept(tmp_path: Path) -> None:
     database = tmp_path / "a" / "matches.db"
     database.parent.mkdir()
