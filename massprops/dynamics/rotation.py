@@ -18,7 +18,7 @@ import numpy as np
 from massprops.core.linalg import consecutive
 from massprops.dynamics.environment import EnvironmentModel, EnvironmentState
 from massprops.dynamics.events import acts_at_once, struck
-from massprops.dynamics.kernels import INSIDE, cross, quaternion_rate, symmetric_solve, symmetric_times
+from massprops.dynamics.kernels import INSIDE, NODES, cross, quaternion_rate, symmetric_solve, symmetric_times
 from massprops.dynamics.runge_kutta import record
 from massprops.effects import is_users, places_of
 
@@ -265,7 +265,8 @@ def _integrated_plainly(
     environment: EnvironmentModel,
 ) -> np.ndarray:
     """`integrate` uncompiled: for no effects, or for one that is no file of the catalogue, made for one record."""
-    times = (start[:, None] + np.stack([INSIDE * size, 0.5 * size, 0.5 * size, size - INSIDE * size], axis=1)).tolist()
+    into = np.stack([INSIDE * size, NODES[1] * size, NODES[2] * size, size - INSIDE * size], axis=1)
+    times = (start[:, None] + into).tolist()
 
     still = None if active.orbiting or environment.dipole is not None else environment.state(0.0, False)
 

@@ -14,6 +14,7 @@ from massprops.dynamics.compiled import (
     to_reference,
     unit,
 )
+from massprops.dynamics.kernels import INNER, NODES, TOTAL
 from massprops.estimators import free_path
 from massprops.estimators.filters import components
 
@@ -86,17 +87,18 @@ def _along(q: np.ndarray, way: np.ndarray) -> None:
 def moved(r: np.ndarray, v: np.ndarray, leaders: np.ndarray, mu: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Place and velocity (B, 3) after dt [s] beside a chaser that is at `leaders` (3, 3) first, amid and last."""
     r1, v1 = np.empty_like(r), np.empty_like(v)
+    h2, h3, h4 = NODES[1] * dt, NODES[2] * dt, NODES[3] * dt
     for b in range(len(r)):
         a1 = _pull(mu, leaders[0], r[b])
-        v2 = v[b] + dt / 2 * a1
-        a2 = _pull(mu, leaders[1], r[b] + dt / 2 * v[b])
-        v3 = v[b] + dt / 2 * a2
-        a3 = _pull(mu, leaders[1], r[b] + dt / 2 * v2)
-        v4 = v[b] + dt * a3
-        a4 = _pull(mu, leaders[2], r[b] + dt * v3)
+        v2 = v[b] + h2 * a1
+        a2 = _pull(mu, leaders[1], r[b] + h2 * v[b])
+        v3 = v[b] + h3 * a2
+        a3 = _pull(mu, leaders[1], r[b] + h3 * v2)
+        v4 = v[b] + h4 * a3
+        a4 = _pull(mu, leaders[2], r[b] + h4 * v3)
         for i in range(3):
-            r1[b, i] = r[b, i] + dt / 6 * (v[b, i] + 2 * v2[i] + 2 * v3[i] + v4[i])
-            v1[b, i] = v[b, i] + dt / 6 * (a1[i] + 2 * a2[i] + 2 * a3[i] + a4[i])
+            r1[b, i] = r[b, i] + dt / TOTAL * (v[b, i] + INNER * v2[i] + INNER * v3[i] + v4[i])
+            v1[b, i] = v[b, i] + dt / TOTAL * (a1[i] + INNER * a2[i] + INNER * a3[i] + a4[i])
     return r1, v1
 
 

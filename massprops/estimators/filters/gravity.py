@@ -9,6 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from massprops.dynamics.kernels import (
+    INNER,
+    NODES,
+    TOTAL,
     cross,
     differential_gravity,
     euler_acceleration,
@@ -49,7 +52,7 @@ def move_under_gravity(y: np.ndarray, s: np.ndarray, dt: float, steps: int, chas
     h = dt / steps
     for step in range(steps):
         for stage in range(4):
-            c = 0.0 if stage == 0 else (1.0 if stage == 3 else 0.5)
+            c = NODES[stage]
             u = (step + c) / steps
             for i in range(3):
                 l[i] = (
@@ -61,7 +64,7 @@ def move_under_gravity(y: np.ndarray, s: np.ndarray, dt: float, steps: int, chas
                 z[i] = y[i] + (c * h * k[max(stage - 1, 0), i] if stage > 0 else 0.0)
             slope_under_gravity(z, six, l, chaser[9], k[stage])
         for i in range(13):
-            y[i] += h / 6.0 * (k[0, i] + 2.0 * (k[1, i] + k[2, i]) + k[3, i])
+            y[i] += h / TOTAL * (k[0, i] + INNER * (k[1, i] + k[2, i]) + k[3, i])
         size = np.sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2] + y[3] * y[3])
         for i in range(4):
             y[i] /= size
