@@ -56,8 +56,8 @@ def rotated(
             for i in range(4):
                 y[i] = start[i]
             y[4], y[5], y[6] = to_body(start[0], start[1], start[2], start[3], start[4], start[5], start[6])
-            own = (six[b, 0, j], six[b, 1, j], six[b, 2, j], six[b, 3, j], six[b, 4, j], six[b, 5, j])
-            end = _torque_free((y[4], y[5], y[6]), (y[0], y[1], y[2], y[3]), own, dt, steps)
+            inertia = (six[b, 0, j], six[b, 1, j], six[b, 2, j], six[b, 3, j], six[b, 4, j], six[b, 5, j])
+            end = _torque_free((y[4], y[5], y[6]), (y[0], y[1], y[2], y[3]), inertia, dt, steps)
             y[4], y[5], y[6], y[0], y[1], y[2], y[3] = end
             x, u, z = to_reference(y[0], y[1], y[2], y[3], y[4], y[5], y[6])
             core[b, 0, j], core[b, 1, j], core[b, 2, j] = x.imag / TINY, u.imag / TINY, z.imag / TINY
