@@ -82,7 +82,7 @@ def _slope(
     environment_state: EnvironmentState,
     out: np.ndarray,
 ) -> None:
-    """`rotation.state_derivative` into `out`."""
+    """`rotation.state_derivative` of y (ny,) at t [s] into `out` (ny,); p: (k,) parameters; places: (n, 5) of each name's effects."""
     torques, inertias, internals, rates, moving = functions
     torque_at, inertia_at, internal_at, rate_at, moving_at = places
     hx, hy, hz = y[4], y[5], y[6]

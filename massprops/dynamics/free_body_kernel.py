@@ -38,7 +38,8 @@ def propagated(
 
 @numba.njit(cache=True, error_model="numpy")
 def _step(y: np.ndarray, inertia: np.ndarray, inverse: np.ndarray, h: float, k: np.ndarray) -> None:
-    """Moves a state (7,) on by a step of Runge and Kutta's method, in place; k: (4, 7) room for its slopes."""
+    """Moves a state y (7,) on by a step h [s] of Runge and Kutta's method, in place; inertia, inverse: (3, 3); k: (4, 7) room for its
+    slopes."""
     z = np.empty(7)
     for stage in range(4):
         reach = NODES[stage] * h
@@ -54,6 +55,7 @@ def _step(y: np.ndarray, inertia: np.ndarray, inverse: np.ndarray, h: float, k: 
 
 @numba.njit(cache=True, error_model="numpy")
 def _slope(y: np.ndarray, I: np.ndarray, inverse: np.ndarray, out: np.ndarray) -> None:
+    """Rates of y = (q 4, w 3 [rad/s]), (7,), into out (7,), of a free body of inertia I (3, 3) and its inverse (3, 3)."""
     wx, wy, wz = y[4], y[5], y[6]
     hx = I[0, 0] * wx + I[0, 1] * wy + I[0, 2] * wz
     hy = I[1, 0] * wx + I[1, 1] * wy + I[1, 2] * wz

@@ -76,7 +76,7 @@ def rotated(
 
 @numba.njit(cache=True)
 def _along(q: np.ndarray, way: np.ndarray) -> None:
-    """Twice the derivative of q exp(theta) by theta, (3, 4)."""
+    """Twice the derivative of q exp(theta), q (4,), by theta, into way (3, 4)."""
     w, x, y, z = q
     way[0, 0], way[0, 1], way[0, 2], way[0, 3] = -x, w, z, -y
     way[1, 0], way[1, 1], way[1, 2], way[1, 3] = -y, -z, w, x
@@ -85,7 +85,8 @@ def _along(q: np.ndarray, way: np.ndarray) -> None:
 
 @numba.njit(cache=True)
 def moved(r: np.ndarray, v: np.ndarray, leaders: np.ndarray, mu: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """Place and velocity (B, 3) after dt [s] beside a chaser that is at `leaders` (3, 3) first, amid and last."""
+    """Place [m] and velocity [m/s], (B, 3) each, after dt [s] from r, v (B, 3), beside a chaser that is at `leaders` (3, 3) [m] first,
+    amid and last; mu [m^3/s^2]."""
     r1, v1 = np.empty_like(r), np.empty_like(v)
     h2, h3, h4 = NODES[1] * dt, NODES[2] * dt, NODES[3] * dt
     for b in range(len(r)):
@@ -104,5 +105,6 @@ def moved(r: np.ndarray, v: np.ndarray, leaders: np.ndarray, mu: float, dt: floa
 
 @numba.njit(cache=True)
 def _pull(mu: float, leader: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """Acceleration (3,) [m/s^2] at r (3,) from a chaser that is at leader (3,) [m]."""
     x, y, z = differential_gravity(mu, leader[0], leader[1], leader[2], r[0], r[1], r[2])
     return np.array([x, y, z])

@@ -25,7 +25,7 @@ from massprops.estimators.filters.rule import Carried, Step, Turn
 
 
 def slope_under_gravity(y: np.ndarray, six: Six, l: np.ndarray, mu: float, out: np.ndarray) -> None:
-    """Rates of y = (q 4, w 3, r 3, v 3) beside a chaser at l [m]."""
+    """Rates of y = (q 4, w 3 [rad/s], r 3 [m], v 3 [m/s]), (13,), into out (13,), beside a chaser at l (3,) [m]; mu [m^3/s^2]."""
     out[0], out[1], out[2], out[3] = quaternion_rate(y[0], y[1], y[2], y[3], y[4], y[5], y[6])
     torque = (0.0, 0.0, 0.0)
     out[7], out[8], out[9] = y[10], y[11], y[12]
@@ -43,9 +43,9 @@ def slope_under_gravity(y: np.ndarray, six: Six, l: np.ndarray, mu: float, out: 
 
 
 def move_under_gravity(y: np.ndarray, s: np.ndarray, dt: float, steps: int, chaser: np.ndarray) -> None:
-    """y = (q, w, r, v) a time dt later, in place, by Runge-Kutta steps of fourth order.
+    """y = (q, w, r, v), (13,), a time dt [s] later, in place, by Runge-Kutta steps of fourth order.
 
-    chaser: (10,) its place at the start, middle and end of the whole time [m], and mu [m^3/s^2].
+    s: (5,) inertia; chaser: (10,) its place at the start, middle and end of the whole time [m], and mu [m^3/s^2].
     """
     six = six_elements(s[0], s[1], s[2], s[3], s[4])
     k, z, l = np.empty((4, 13)), np.empty(13), np.empty(3)
@@ -102,7 +102,7 @@ def carried(
     step: Step,
     steps: int,
 ) -> Carried:
-    """As `prediction.carried`; the place from which the gradient is taken is that of the mean."""
+    """As `prediction.carried`, with its shapes; the place from which the gradient is taken is that of the mean."""
     y, s = np.empty(13), np.empty(INERTIA)
     for i in range(INERTIA):
         s[i] = x[RATIO + i] + g * U[j, nf + i]
@@ -115,7 +115,7 @@ def carried(
 
 
 def move_place(x: np.ndarray, F: np.ndarray, spin: np.ndarray, step: Step) -> None:
-    """As `prediction.move_place`, in gravity that is not linear in the distance from the chaser."""
+    """As `prediction.move_place`, with its shapes, in gravity that is not linear in the distance from the chaser."""
     y = np.zeros(13)
     y[0] = 1.0
     for i in range(6):
