@@ -76,15 +76,15 @@ def group(photographs: list[Photograph]) -> tuple[list[CameraPrior], list[int], 
     order = sorted(count, key=lambda k: (-count[k], keys.index(k)))
     cameras, turns = [], [0] * len(photographs)
     for key in order:
-        own = [i for i, k in enumerate(keys) if k == key]
-        size = Counter(photographs[i].size for i in own).most_common(1)[0][0]
-        held = Counter(photographs[i].turns or 0 for i in own if photographs[i].size == size).most_common(1)[0][0]
-        for i in own:
+        images = [i for i, k in enumerate(keys) if k == key]
+        size = Counter(photographs[i].size for i in images).most_common(1)[0][0]
+        held = Counter(photographs[i].turns or 0 for i in images if photographs[i].size == size).most_common(1)[0][0]
+        for i in images:
             turns[i] = _turn(photographs[i], size, held)
-        focals = [f for i in own if (f := photographs[i].focal_px) is not None]
+        focals = [f for i in images if (f := photographs[i].focal_px) is not None]
         focal = float(np.median(focals)) if focals else None
         source = "exif" if focal else "none"
-        cameras.append(CameraPrior(size, focal, source, device=_label(key[0]), images=len(own)))
+        cameras.append(CameraPrior(size, focal, source, device=_label(key[0]), images=len(images)))
     cameras = [_alike(c, cameras) if c.focal_px is None else c for c in cameras]
     return cameras, [order.index(k) for k in keys], turns
 

@@ -89,20 +89,20 @@ class Part:
 
 
 def missing_parts(
-    found: PlacementEvidence, plane: np.ndarray, vertices: np.ndarray, standing: np.ndarray, pixel: float
+    evidence: PlacementEvidence, plane: np.ndarray, vertices: np.ndarray, standing: np.ndarray, pixel: float
 ) -> list[Part]:
     """What the votes find beside a measured shape and hanging together with it.
 
     Args:
-        found: what the images show; plane: (4,) support; vertices: (v, 3) of the shape.
+        evidence: what the images show; plane: (4,) support; vertices: (v, 3) of the shape.
         standing: (m, 3) points of other things; pixel: at the object.
     """
     from scipy.ndimage import binary_dilation, find_objects, generate_binary_structure, label
 
     lattice = lattice_on(plane, vertices, WIDER, CUBE * pixel, MOST_CUBES)
     # what falls on the measured shape may be hidden by that alone
-    votes = np.where(found.drawn, 0.0, vote(found.log_odds)).astype(np.float32)
-    halves, outside = counted(lattice, found.views, votes, np.stack([beyond_band(d) for d in found.drawn]))
+    votes = np.where(evidence.drawn, 0.0, vote(evidence.log_odds)).astype(np.float32)
+    halves, outside = counted(lattice, evidence.views, votes, np.stack([beyond_band(d) for d in evidence.drawn]))
     full = generate_binary_structure(3, 3)
     piece, number = label((halves.sum(0) > 0) & outside & ~_near(lattice, standing), full)
     count = np.bincount(piece.ravel(), minlength=number + 1)
@@ -112,9 +112,9 @@ def missing_parts(
         if count[k] >= LEAST_CUBES and touch[k]:
             own, said = piece[box] == k, halves[(slice(None), *box)] > 0
             here = lattice.part(box)
-            gain = np.zeros(len(found.views))
+            gain = np.zeros(len(evidence.views))
             for i in range(len(gain)):
-                gain[i] = _gain(found, i, here, own & said[1 - i % 2])
+                gain[i] = _gain(evidence, i, here, own & said[1 - i % 2])
             vertices, faces = boundary_of(here.origin, here.steps, own)
             # features are looked for on it, and cubes face along their axes only
             out.append(Part(fair(vertices, faces, np.zeros(len(vertices), bool), FAIR), faces, gain))
@@ -133,11 +133,11 @@ def _near(lattice: Lattice, xyz: np.ndarray) -> np.ndarray:
     return np.asarray(distance_transform_edt(free) < BESIDE)
 
 
-def _gain(found: PlacementEvidence, i: int, lattice: Lattice, solid: np.ndarray) -> float:
+def _gain(evidence: PlacementEvidence, i: int, lattice: Lattice, solid: np.ndarray) -> float:
     """By how much view i agrees better with some cubes beside the measured shape than without."""
     if not solid.any():
         return 0.0
     vertices, faces = boundary_of(lattice.origin, lattice.steps, solid)
-    drawn = drawn_in(found.views, i, vertices, faces)
+    drawn = drawn_in(evidence.views, i, vertices, faces)
     h, w = drawn.shape
-    return float(found.log_odds[i, :h, :w][drawn & ~found.drawn[i, :h, :w]].sum())
+    return float(evidence.log_odds[i, :h, :w][drawn & ~evidence.drawn[i, :h, :w]].sum())

@@ -436,12 +436,12 @@ def find_placements(
         seed: of the plane's draws.
         timestamp_ns: (n,) when each image was taken, negative where nobody knows.
     """
-    own = on_object(xyz, centres, region.centre, region.radius, seed)
-    shared = shared_features(len(centres), obs_view, obs_point, own)
+    on_it = on_object(xyz, centres, region.centre, region.radius, seed)
+    shared = shared_features(len(centres), obs_view, obs_point, on_it)
     direction = centres - region.centre
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     handled = divide_at_pauses(shared, direction, timestamp_ns)
-    if own.sum() < LEAST_POINTS:
+    if on_it.sum() < LEAST_POINTS:
         return Placements(handled, handled, known=False)
     label = without_return(divide(shared, direction), timestamp_ns)
     # a plain object shows each image so few that a division of its images among all others stays unseen

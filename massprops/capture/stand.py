@@ -89,15 +89,15 @@ def stand_top(scene: Scene, member: np.ndarray, plane: np.ndarray | None, seed: 
     """
     if plane is None or member.sum() < 500:
         return None
-    own = np.flatnonzero(member)
-    height = scene.xyz[own] @ plane[:3] + plane[3]
-    facing = own[scene.normal[own] @ plane[:3] > FACING]
+    members = np.flatnonzero(member)
+    height = scene.xyz[members] @ plane[:3] + plane[3]
+    facing = members[scene.normal[members] @ plane[:3] > FACING]
     if len(facing) < 200:
         return None
-    radius = 0.5 * float(np.linalg.norm(np.ptp(scene.xyz[own], axis=0)))
+    radius = 0.5 * float(np.linalg.norm(np.ptp(scene.xyz[members], axis=0)))
     found = []
     for top in planes(scene.xyz[facing], scene.normal[facing], min(scene.region.radius, 2 * radius), seed):
-        rise = scene.xyz[own] @ top[:3] + top[3]
+        rise = scene.xyz[members] @ top[:3] + top[3]
         step = max(2 * TOLERANCE * scene.region.radius, 2 * scene.pixel)
         upper, lower, near = rise > step, rise < -step, np.abs(rise) < step
         if (
@@ -107,15 +107,15 @@ def stand_top(scene: Scene, member: np.ndarray, plane: np.ndarray | None, seed: 
             or _slopes(rise[near], height[near], float(top[:3] @ plane[:3]))
         ):
             continue
-        level = own[near]
+        level = members[near]
         if not _is_ledge(scene, level, plane):
             continue
-        rgb = scene.rgb[own]
+        rgb = scene.rgb[members]
         alike = _colours_alike(rgb, upper, ~upper) >= ALIKE and _hues_apart(rgb[upper], rgb[~upper]) <= APART
-        if _carried(scene, own, rise, step, top):
+        if _carried(scene, members, rise, step, top):
             worth = float(upper.mean() * lower.mean() + upper.mean())
             share = float(np.median(height[near]) / np.percentile(height, HIGHEST))
-            narrow = _is_narrow(scene, own, rise, step, top)
+            narrow = _is_narrow(scene, members, rise, step, top)
             # the foot of a figure is a moulding too, and hides no stand below it
             found.append((not alike, not narrow, worth, Top(top, alike, narrow, share)))
     return max(found, key=lambda f: f[:3])[3] if found else None

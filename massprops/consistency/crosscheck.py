@@ -142,8 +142,8 @@ def _check(
     try:
         outcome = estimate_all(footage, methods, progress=progress, body_known=False)
     except NotPossible as stop:
-        found = stopped or judge.unobservable(str(stop))
-        return CrossCheck(folder, document(mesh, [], found), warnings=footage.warnings)
+        verdict = stopped or judge.unobservable(str(stop))
+        return CrossCheck(folder, document(mesh, [], verdict), warnings=footage.warnings)
     centre, slides = _centre(folder, mesh, frame)
     compared = []
     for e in outcome.estimates:
@@ -160,11 +160,11 @@ def _check(
     motion = _motion(mesh, best, centre)
     draws = None if motion is None else read_draws(folder, mesh)
     joint = None if draws is None else agreement(draws, motion, mesh.length)
-    found = judge.decide(compared, mesh, centre, tumble, free, joint)
-    result = document(mesh, compared, found, centre, residuals, outcome.skipped)
+    verdict = judge.decide(compared, mesh, centre, tumble, free, joint)
+    result = document(mesh, compared, verdict, centre, residuals, outcome.skipped)
     result["fused"] = None
-    if draws is not None and best is not None and best.found.reliable and found.verdict == "consistent":
-        result["fused"] = {"with": found.rests_on, **fuse(draws, mesh, motion)}
+    if draws is not None and best is not None and best.found.reliable and verdict.verdict == "consistent":
+        result["fused"] = {"with": verdict.rests_on, **fuse(draws, mesh, motion)}
     return CrossCheck(folder, result, outcome.estimates, outcome.warnings)
 
 
@@ -189,16 +189,16 @@ def _centre(folder: Path, mesh: Any, frame: Any) -> tuple[Any, Any]:
         rows, stamps = rows[np.argsort([views.names[i] for i in rows])], frame.stamp_ns
     order = np.argsort(stamps, kind="stable")
     rows, stamps = rows[order], stamps[order]
-    found = centre_of_motion(stamps, views.R[rows], views.t[rows] * mesh.factor, mesh.length)
+    centre = centre_of_motion(stamps, views.R[rows], views.t[rows] * mesh.factor, mesh.length)
     seen = points.of_views(rows)
     if not len(seen.xyz) or len(rows) < 8:
-        return found, None
+        return centre, None
     sigma = frame.sigma if frame is not None and len(frame.sigma) == len(rows) else np.full(len(rows), 1e-3)
     slides = slides_of(views.take(rows), seen, stamps, sigma, mesh)
-    if found is not None:
+    if centre is not None:
         more = _drift(folder, mesh, views.take(rows), stamps)
-        found = replace(found, covariance=at_least(found.covariance, slides.centre) + more)
-    return found, slides
+        centre = replace(centre, covariance=at_least(centre.covariance, slides.centre) + more)
+    return centre, slides
 
 
 def _drift(folder: Path, mesh: Any, views: Any, stamps: np.ndarray) -> np.ndarray:
@@ -254,7 +254,7 @@ def _residuals(frame: Any, mesh: Any, best: Any) -> dict[str, Any]:
 def document(
     mesh: Any,
     compared: list[Any],
-    found: Any,
+    verdict: Any,
     centre: Any = None,
     residuals: dict[str, Any] | None = None,
     skipped: dict[str, str] | None = None,
@@ -274,12 +274,12 @@ def document(
         },
         "estimators": [_entry(c) for c in compared],
         "skipped": [{"name": name, "reason": reason} for name, reason in (skipped or {}).items()],
-        "verdict": found.verdict,
-        "p_value": found.p_value,
-        "reason": found.reason,
-        "hints": list(found.hints),
-        "rests_on": found.rests_on,
-        "tests": found.facts.get("tests", {}),
+        "verdict": verdict.verdict,
+        "p_value": verdict.p_value,
+        "reason": verdict.reason,
+        "hints": list(verdict.hints),
+        "rests_on": verdict.rests_on,
+        "tests": verdict.facts.get("tests", {}),
         "centre_of_motion": None
         if centre is None
         else {

@@ -51,7 +51,7 @@ def film_estimate(run: Path, axes: np.ndarray) -> tuple[Estimate, np.ndarray] | 
     gap = np.array([k[1], k[0] + k[1], k[0]])
     sigma = np.sqrt(np.diag(of_own)[:2])
     shows = bool(sigma.max() <= LARGEST_SIGMA_K)
-    found = Estimate(
+    estimate = Estimate(
         FILM,
         converged=True,
         observable=shows,
@@ -66,4 +66,4 @@ def film_estimate(run: Path, axes: np.ndarray) -> tuple[Estimate, np.ndarray] | 
         reliable=True,
         memory_counted=True,
     )
-    return found, components(axes)
+    return estimate, components(axes)

@@ -78,13 +78,13 @@ def read_draws(run: Path, mesh: MeshSide) -> Draws | None:
     if not has_scale(run):
         return None
     scale = read_scale(run)
-    found = read_replicates(run)
-    if found is None:
+    replicates = read_replicates(run)
+    if replicates is None:
         return None
     own = (scale.source or "none") in OWN_LENGTH
     rng = np.random.default_rng([scale.seed or 0, 5])
     sigma = scale.relative_sigma or 0.0
-    drawn = scaled_replicates(found.rows, found.lengths, found.length, mesh.factor, sigma, own, rng)
+    drawn = scaled_replicates(replicates.rows, replicates.lengths, replicates.length, mesh.factor, sigma, own, rng)
     density = float(mesh.document["density"])
     _, centres, inertias = central_inertia(drawn, density)
     good = (drawn[:, 0] > 0) & (np.linalg.eigvalsh(inertias)[:, 0] > 0)
@@ -245,17 +245,17 @@ def fuse(draws: Draws, mesh: MeshSide, motion: Measured) -> dict[str, Any]:
 
     x, replicates = averaged(draws, motion)
     density = float(mesh.document["density"])
-    found = MassProperties.of(density, float(np.exp(x[0])), x[1:4], inertia_from(x, mesh.axes))
+    body = MassProperties.of(density, float(np.exp(x[0])), x[1:4], inertia_from(x, mesh.axes))
     volumes, inertias = np.exp(replicates[:, 0]), inertia_from(replicates, mesh.axes)
     moments = np.linalg.eigvalsh(inertias)
     k = ratios_of_moments(moments)
     interval = {
-        "volume": bounds(volumes, found.volume),
-        "mass": bounds(density * volumes, found.mass),
-        "center_of_mass": bounds(replicates[:, 1:4], found.center_of_mass),
-        "inertia": bounds(inertias, found.inertia),
-        "principal_moments": bounds(moments, found.principal_moments),
-        "k1": bounds(k[:, 0], found.k1),
-        "k2": bounds(k[:, 1], found.k2),
+        "volume": bounds(volumes, body.volume),
+        "mass": bounds(density * volumes, body.mass),
+        "center_of_mass": bounds(replicates[:, 1:4], body.center_of_mass),
+        "inertia": bounds(inertias, body.inertia),
+        "principal_moments": bounds(moments, body.principal_moments),
+        "k1": bounds(k[:, 0], body.k1),
+        "k2": bounds(k[:, 1], body.k2),
     }
-    return {**found.values(), "interval_90": interval}
+    return {**body.values(), "interval_90": interval}

@@ -89,9 +89,9 @@ def read_mesh_side(run: Path) -> MeshSide:
         factor = read_scale(run).factor
     except (InputError, ValueError):
         factor = 1.0
-    found = read_replicates(run)
-    if found is not None:
-        centres, inertias = _drawn(found)
+    replicates = read_replicates(run)
+    if replicates is not None:
+        centres, inertias = _drawn(replicates)
         covariance = covariance_of_replicates(inertias, inertia, axes) + SHAPE_FLOOR**2 * np.eye(5)
         apart = centres * factor - centre
         centre_covariance = apart.T @ apart / len(apart)
@@ -104,11 +104,11 @@ def read_mesh_side(run: Path) -> MeshSide:
         covariance=covariance,
         centre=centre,
         centre_covariance=centre_covariance,
-        stated=stated is not None or found is not None,
+        stated=stated is not None or replicates is not None,
         unseen=0.0 if seen is None else float(1.0 - seen),
         factor=factor,
-        length=_length(document) if found is None else found.length * factor,
-        fill=np.zeros((0, 3)) if found is None else fill_pulls(*found.surface) * factor,
+        length=_length(document) if replicates is None else replicates.length * factor,
+        fill=np.zeros((0, 3)) if replicates is None else fill_pulls(*replicates.surface) * factor,
     )
 
 
@@ -122,9 +122,9 @@ def _length(document: dict[str, Any]) -> float:
     return 2.0 * float(np.sqrt(5.0 / 6.0 * trace / mass)) if mass > 0 else 0.0
 
 
-def _drawn(found: Replicates) -> tuple[np.ndarray, np.ndarray]:
+def _drawn(replicates: Replicates) -> tuple[np.ndarray, np.ndarray]:
     """Centres (r, 3) [units of the structure from motion] and inertias (r, 3, 3) of the mesh's replicates."""
-    _, centres, inertias = central_inertia(found.rows, 1.0)
+    _, centres, inertias = central_inertia(replicates.rows, 1.0)
     good = np.linalg.eigvalsh(inertias)[:, 0] > 0
     return centres[good], inertias[good]
 

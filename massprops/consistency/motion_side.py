@@ -41,50 +41,52 @@ class Frame:
     features: np.ndarray | None = None
 
 
-def to_mesh_axes(found: Estimate, problem: Problem, frame: Frame, same_footage: bool) -> tuple[np.ndarray, str] | None:
+def to_mesh_axes(
+    estimate: Estimate, problem: Problem, frame: Frame, same_footage: bool
+) -> tuple[np.ndarray, str] | None:
     """Rotation (3, 3) from the estimate's body axes to the mesh's, and by what; None when nothing ties them.
 
     Args:
-        found: the estimate. problem: what it was made from.
+        estimate: of one method; problem: what it was made from.
         frame: the run's own.
         same_footage: whether the problem is the run's own sequence, so that its attitude0 is the mesh's frame.
     """
-    if found.body_frame == "attitude0" and same_footage:
+    if estimate.body_frame == "attitude0" and same_footage:
         return np.eye(3), "attitude0"
-    if found.q is not None and len(frame.stamp_ns):
-        stamps = problem.stamps(found.times)
+    if estimate.q is not None and len(frame.stamp_ns):
+        stamps = problem.stamps(estimate.times)
         _, at, there = np.intersect1d(stamps, frame.stamp_ns, return_indices=True)
-        good = np.isfinite(found.q[at]).all(axis=1)
+        good = np.isfinite(estimate.q[at]).all(axis=1)
         at, there = at[good], there[good]
         late = slice(len(at) // 2, None)
         if len(at[late]) >= LEAST_COMMON:
-            R = np.swapaxes(rotation_matrix(frame.q[there[late]]), 1, 2) @ rotation_matrix(found.q[at[late]])
+            R = np.swapaxes(rotation_matrix(frame.q[there[late]]), 1, 2) @ rotation_matrix(estimate.q[at[late]])
             mean = R.mean(axis=0)
             # rotations that do not agree average to less than a rotation: two clocks, or two bodies
             if np.linalg.svd(mean, compute_uv=False)[1] > 0.99:
                 return nearest_rotation(mean), "attitude"
-    common = _common_features(found, frame)
+    common = _common_features(estimate, frame)
     return None if common is None else (common[1], "features")
 
 
-def _common_features(found: Estimate, frame: Frame) -> tuple[float, np.ndarray] | None:
+def _common_features(estimate: Estimate, frame: Frame) -> tuple[float, np.ndarray] | None:
     """Scale and rotation (3, 3) from the estimate to the mesh by features of both; None with fewer than four."""
-    if found.features is None or frame.features is None or frame.feature_ids is None or found.feature_ids is None:
+    if estimate.features is None or frame.features is None or frame.feature_ids is None or estimate.feature_ids is None:
         return None
-    _, a, b = np.intersect1d(found.feature_ids, frame.feature_ids, return_indices=True)
-    good = np.isfinite(found.features[a]).all(axis=1)
-    found_similarity = similarity(found.features[a[good]], frame.features[b[good]]) if good.sum() >= 4 else None
+    _, a, b = np.intersect1d(estimate.feature_ids, frame.feature_ids, return_indices=True)
+    good = np.isfinite(estimate.features[a]).all(axis=1)
+    found_similarity = similarity(estimate.features[a[good]], frame.features[b[good]]) if good.sum() >= 4 else None
     return None if found_similarity is None else found_similarity[:2]
 
 
-def scale_against(found: Estimate, frame: Frame) -> float | None:
+def scale_against(estimate: Estimate, frame: Frame) -> float | None:
     """Lengths of the mesh over those of the estimate, from common features; None without any."""
-    common = _common_features(found, frame)
+    common = _common_features(estimate, frame)
     return None if common is None else common[0]
 
 
 def motion_covariance(
-    found: Estimate, turn: np.ndarray, axes: np.ndarray, alike: np.ndarray | None = None
+    estimate: Estimate, turn: np.ndarray, axes: np.ndarray, alike: np.ndarray | None = None
 ) -> np.ndarray:
     """(5, 5) of the estimate's `log_components` in the mesh's principal `axes`; residuals above their noise widen it,
     and so does what one part of the surface says against the others.
@@ -92,10 +94,10 @@ def motion_covariance(
     Args:
         turn: (3, 3) estimate's body axes to the mesh's. alike: (5, 5) `Slides.inertia`.
     """
-    assert found.inertia is not None and found.k_covariance is not None
-    inertia = turn @ found.inertia @ turn.T
-    turns = None if found.axes_covariance is None else turn @ found.axes_covariance @ turn.T
-    widened: np.ndarray = covariance(inertia, found.k_covariance, turns, axes) * max(1.0, found.innovation or 1.0)
+    assert estimate.inertia is not None and estimate.k_covariance is not None
+    inertia = turn @ estimate.inertia @ turn.T
+    turns = None if estimate.axes_covariance is None else turn @ estimate.axes_covariance @ turn.T
+    widened: np.ndarray = covariance(inertia, estimate.k_covariance, turns, axes) * max(1.0, estimate.innovation or 1.0)
     return widened if alike is None or turns is None else at_least(widened, alike)
 
 

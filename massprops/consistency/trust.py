@@ -14,21 +14,21 @@ BY = "reconstruct"
 """The command whose document it is."""
 
 
-def judged(document: dict[str, Any], own: dict[str, Any], verdict: dict[str, Any]) -> dict[str, Any]:
+def judged(document: dict[str, Any], measured: dict[str, Any], verdict: dict[str, Any]) -> dict[str, Any]:
     """`massprops.json` as the cross-check leaves it: less confidence where shape and motion contradict each other, and
     the values of mesh and motion together where they agree.
 
-    What the reconstruction alone came to is taken from `own`, so the same verdict does not lower it twice.
+    What the reconstruction alone came to is taken from `measured`, so the same verdict does not lower it twice.
 
     Args:
-        document: `massprops.json` as it stands; own: as the mass stage made it; verdict: `crosscheck.json`, or {}.
+        document: `massprops.json` as it stands; measured: as the mass stage made it; verdict: `crosscheck.json`, or {}.
     """
     changed = dict(document)
-    trust = own.get("confidence")
+    trust = measured.get("confidence")
     if trust is not None:
         reason = f"shape and motion contradict each other: {verdict.get('reason')}"
         changed["confidence"] = lowered(trust, reason) if verdict.get("verdict") == "inconsistent" else trust
-    if verdict and own.get("recommended") is not None:
+    if verdict and measured.get("recommended") is not None:
         changed["recommended"] = recommend(document, verdict)
     return changed
 

@@ -58,13 +58,18 @@ class Compared:
         return self.chi2 is not None
 
 
-def is_sound(found: Estimate) -> bool:
+def is_sound(estimate: Estimate) -> bool:
     """Whether an estimate claims ratios with a covariance."""
-    return bool(found.converged and found.observable and found.inertia is not None and found.k_covariance is not None)
+    return bool(
+        estimate.converged
+        and estimate.observable
+        and estimate.inertia is not None
+        and estimate.k_covariance is not None
+    )
 
 
 def compare_one(
-    found: Estimate,
+    estimate: Estimate,
     mesh: MeshSide,
     tie: tuple[np.ndarray, str] | None,
     scale: float | None,
@@ -75,39 +80,39 @@ def compare_one(
     Args:
         alike: (5, 5) see `motion_covariance`.
     """
-    if not is_sound(found):
-        return Compared(found)
-    assert found.inertia is not None
+    if not is_sound(estimate):
+        return Compared(estimate)
+    assert estimate.inertia is not None
     turn, how = tie if tie is not None else (None, "none")
     if turn is None:
-        own = np.linalg.eigh(found.inertia)[1]
-        difference = log_components(found.inertia, own)[:2] - mesh.k
-        spread = motion_covariance(found, np.eye(3), own)[:2, :2] + mesh.covariance[:2, :2]
+        axes = np.linalg.eigh(estimate.inertia)[1]
+        difference = log_components(estimate.inertia, axes)[:2] - mesh.k
+        spread = motion_covariance(estimate, np.eye(3), axes)[:2, :2] + mesh.covariance[:2, :2]
         chi2, degrees = chi_square(difference, spread)
         p = p_value(chi2, degrees)
-        return Compared(found, None, how, chi2, degrees, p, p, scale=scale)
-    return compare_tied(found, mesh, (turn, how), motion_covariance(found, turn, mesh.axes, alike), scale)
+        return Compared(estimate, None, how, chi2, degrees, p, p, scale=scale)
+    return compare_tied(estimate, mesh, (turn, how), motion_covariance(estimate, turn, mesh.axes, alike), scale)
 
 
 def compare_tied(
-    found: Estimate, mesh: MeshSide, tie: tuple[np.ndarray, str], motion: np.ndarray, scale: float | None = None
+    estimate: Estimate, mesh: MeshSide, tie: tuple[np.ndarray, str], motion: np.ndarray, scale: float | None = None
 ) -> Compared:
     """As `compare_one`, of an estimate whose axes are tied to the mesh's, with the covariance (5, 5) of its `log_components`."""
-    if not is_sound(found):
-        return Compared(found)
-    assert found.inertia is not None
+    if not is_sound(estimate):
+        return Compared(estimate)
+    assert estimate.inertia is not None
     turn, how = tie
-    inertia = turn @ found.inertia @ turn.T
+    inertia = turn @ estimate.inertia @ turn.T
     difference = log_components(inertia, mesh.axes) - log_components(mesh.inertia, mesh.axes)
     spread = motion + mesh.covariance
-    with_axes = found.axes_covariance is not None
+    with_axes = estimate.axes_covariance is not None
     use = slice(0, 5) if with_axes else slice(0, 2)
     chi2, degrees = chi_square(difference[use], spread[use, use])
     ratios_alone = chi_square(difference[:2], spread[:2, :2])
     axes_alone = chi_square(difference[2:], spread[2:, 2:]) if with_axes else (0.0, 0)
     away = turn_between(np.linalg.eigh(inertia)[1], mesh.axes)
     return Compared(
-        found=found,
+        found=estimate,
         turn=turn,
         tied_by=how,
         chi2=chi2,

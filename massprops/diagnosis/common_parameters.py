@@ -108,14 +108,14 @@ def joined(laws: list[Law], alike: list[np.ndarray]) -> tuple[Law, float]:
     rest = np.sum([of_rows(L, law.sd) for L, law in zip(precisions, laws, strict=True)], axis=0)
     by = np.sum([L @ law.mean for L, law in zip(precisions, laws, strict=True)], axis=0)
     sd = laws[0].sd.copy()
-    for own in alike:
-        sd[own] = np.mean([law.sd[own] for law in laws])
+    for one_size in alike:
+        sd[one_size] = np.mean([law.sd[one_size] for law in laws])
     for _ in range(SIZES if alike else 1):
         covariance = np.linalg.inv(rest + np.diag(sd**-2))
         mean = covariance @ by
         before = sd.copy()
-        for own in alike:
-            sd[own] = np.sqrt(np.mean(mean[own] ** 2 + np.diag(covariance)[own]))
+        for one_size in alike:
+            sd[one_size] = np.sqrt(np.mean(mean[one_size] ** 2 + np.diag(covariance)[one_size]))
         if np.allclose(sd, before, rtol=1e-3):
             break
     sd = before
@@ -176,17 +176,17 @@ def _at_best(fits: list[HypothesisFit], name: str, parameter: str, axes: bool) -
     best = float(minimize_scalar(lambda x: -at(x).evidence, bounds=ends, method="bounded", options={"xatol": 0.01}).x)
     step = FIRST_STEP
     for _ in range(ROUNDS):
-        found, up, down = at(best), at(best + step), at(best - step)
-        sd = max((2.0 * found.evidence - up.evidence - down.evidence) / step**2, WIDEST**-2) ** -0.5
+        common, up, down = at(best), at(best + step), at(best - step)
+        sd = max((2.0 * common.evidence - up.evidence - down.evidence) / step**2, WIDEST**-2) ** -0.5
         slopes = {k: (v - down.parameters[name][k]) / (2.0 * step) for k, v in up.parameters[name].items()}
         best += float(np.clip(0.5 * (up.evidence - down.evidence) / step * sd**2, -step, step))
         step = STEP_SIGMAS * sd
-    own = {k: float(np.hypot(s, sd * slopes[k])) for k, s in found.sigma[name].items()}
+    own = {k: float(np.hypot(s, sd * slopes[k])) for k, s in common.sigma[name].items()}
     value, sigma = {parameter: float(np.exp(best))}, {parameter: float(sd * np.exp(best))}
     return replace(
-        found,
-        parameters=found.parameters | {name: found.parameters[name] | value},
-        sigma=found.sigma | {name: own | sigma},
+        common,
+        parameters=common.parameters | {name: common.parameters[name] | value},
+        sigma=common.sigma | {name: own | sigma},
     )
 
 
@@ -197,22 +197,22 @@ def _at_rest(fits: list[HypothesisFit], given: dict[tuple[str, str], float], axe
     at = next(k for k, f in enumerate(fits) if f is reference)
     shape, axis, body = reference.shape, reference.axis, reference.hypothesis.terms
     hypotheses = [_with(f.hypothesis, body, given) for f in fits]
-    found, previous, before = None, -np.inf, -np.inf
+    common, previous, before = None, -np.inf, -np.inf
     none = np.zeros((len(fits), 3))
     turns = AxesTurns(at=none, sigma=none, sd=TURN_SD) if axes else None
     for _ in range(2 * PASSES if axes else PASSES):
-        said = [
+        linear_fits = [
             linearised(f, h, shape, None if f.axis is None else axis, None if turns is None else turns.of(k))
             for k, (f, h) in enumerate(zip(fits, hypotheses, strict=True))
         ]
-        first = said[at]
+        first = linear_fits[at]
         try:
-            laws = [_law(s, first) for s in said]
+            laws = [_law(s, first) for s in linear_fits]
             law, gained = joined(laws, _alike(first))
-            moved = [_moved(s, law, first) for s in said]
-            evidence = gained + sum(s.evidence for s in said)
-            turns = None if turns is None else _turned(said, law, first, turns)
-            found = replace(_common(first, law, laws, evidence), turns=turns)
+            moved = [_moved(s, law, first) for s in linear_fits]
+            evidence = gained + sum(s.evidence for s in linear_fits)
+            turns = None if turns is None else _turned(linear_fits, law, first, turns)
+            common = replace(_common(first, law, laws, evidence), turns=turns)
         except np.linalg.LinAlgError:
             raise NotPossible("what the records say of one body does not go together") from None
         before, previous = previous, evidence
@@ -225,48 +225,48 @@ def _at_rest(fits: list[HypothesisFit], given: dict[tuple[str, str], float], axe
         if axis is not None:
             axis = axis + across(axis) @ law.mean[INERTIA : INERTIA + AXIS]
             axis /= np.linalg.norm(axis)
-    assert found is not None
-    if not abs(found.evidence - before) < RESTS:
+    assert common is not None
+    if not abs(common.evidence - before) < RESTS:
         raise NotPossible("what the records say of one body does not come to rest")
-    return found
+    return common
 
 
-def _with(own: Hypothesis, body: tuple[Term, ...], given: dict[tuple[str, str], float]) -> Hypothesis:
+def _with(hypothesis: Hypothesis, body: tuple[Term, ...], given: dict[tuple[str, str], float]) -> Hypothesis:
     """A record's hypothesis with the body's parameters as effects in `body` and `given` hold them."""
     terms = []
-    for term in own.terms:
+    for term in hypothesis.terms:
         held = {n: v for other in body if other.name == term.name for n, v in other.held if n in term.of_body}
         held |= {n: v for (name, n), v in given.items() if name == term.name}
         terms.append(replace(term, held=term_of(term.effect, dict(term.held) | held).held) if held else term)
-    return replace(own, terms=tuple(terms))
+    return replace(hypothesis, terms=tuple(terms))
 
 
-def _places(said: HypothesisFit) -> np.ndarray:
+def _places(fit: HypothesisFit) -> np.ndarray:
     """Which of a fit's unknowns are common."""
-    places = said.posterior.places
-    own = [places[t.name].start + _solved_for(t) for t in said.hypothesis.terms]
-    wheel = [places["wheel axis"].start + np.arange(AXIS)] if said.axis is not None else []
+    places = fit.posterior.places
+    own = [places[t.name].start + _solved_for(t) for t in fit.hypothesis.terms]
+    wheel = [places["wheel axis"].start + np.arange(AXIS)] if fit.axis is not None else []
     return np.concatenate([np.arange(INERTIA), *wheel, *own]).astype(int)
 
 
-def _keys(said: HypothesisFit) -> list[tuple[str, int]]:
+def _keys(fit: HypothesisFit) -> list[tuple[str, int]]:
     """What each of a fit's common unknowns is: of what, and its number there."""
-    wheel = [("wheel axis", k) for k in range(AXIS if said.axis is not None else 0)]
-    own = [(t.name, int(k)) for t in said.hypothesis.terms for k in _solved_for(t)]
+    wheel = [("wheel axis", k) for k in range(AXIS if fit.axis is not None else 0)]
+    own = [(t.name, int(k)) for t in fit.hypothesis.terms for k in _solved_for(t)]
     return [*(("inertia", k) for k in range(INERTIA)), *wheel, *own]
 
 
-def _factors(said: HypothesisFit) -> np.ndarray:
+def _factors(fit: HypothesisFit) -> np.ndarray:
     """What the common unknowns are multiplied by in a record."""
-    terms = {t.name: t for t in said.hypothesis.terms if t.prior is None}
-    return np.array([terms[of].of_body_as(terms[of].unknowns[k])[1] if of in terms else 1.0 for of, k in _keys(said)])
+    terms = {t.name: t for t in fit.hypothesis.terms if t.prior is None}
+    return np.array([terms[of].of_body_as(terms[of].unknowns[k])[1] if of in terms else 1.0 for of, k in _keys(fit)])
 
 
-def _alike(said: HypothesisFit) -> list[np.ndarray]:
+def _alike(fit: HypothesisFit) -> list[np.ndarray]:
     """Which of the common unknowns have a prior of one size that is found, by effect."""
-    kinds, out = {b.name: b.kind for b in said.blocks}, []
-    at = INERTIA + (0 if said.axis is None else AXIS)
-    for term in said.hypothesis.terms:
+    kinds, out = {b.name: b.kind for b in fit.blocks}, []
+    at = INERTIA + (0 if fit.axis is None else AXIS)
+    for term in fit.hypothesis.terms:
         count = len(_solved_for(term))
         if kinds[term.name] == "common" and count:
             out.append(at + np.arange(count))
@@ -282,17 +282,17 @@ def _solved_for(term: Term) -> np.ndarray:
     return np.array(mine, int)
 
 
-def _law(said: HypothesisFit, first: HypothesisFit) -> Law:
+def _law(fit: HypothesisFit, first: HypothesisFit) -> Law:
     """What a record says of the common unknowns of the first; of what it does not have, such as a wheel, no more than the prior."""
-    places, factors = _places(said), _factors(said)
-    mean = said.posterior.whole[places] / factors
-    sd = np.concatenate(list(said.posterior.sd.values()))[places] / factors
-    covariance = said.posterior.joint[np.ix_(places, places)] / np.outer(factors, factors)
-    if said.widened > 1.0:
-        by_rows = of_rows(np.linalg.inv(covariance), sd) / said.widened**2
+    places, factors = _places(fit), _factors(fit)
+    mean = fit.posterior.whole[places] / factors
+    sd = np.concatenate(list(fit.posterior.sd.values()))[places] / factors
+    covariance = fit.posterior.joint[np.ix_(places, places)] / np.outer(factors, factors)
+    if fit.widened > 1.0:
+        by_rows = of_rows(np.linalg.inv(covariance), sd) / fit.widened**2
         covariance = np.linalg.inv(by_rows + np.diag(sd**-2))
     covariance[range(INERTIA), range(INERTIA)] += LEAST_SD**2
-    keys, own = _keys(first), _keys(said)
+    keys, own = _keys(first), _keys(fit)
     if keys == own:
         return Law(mean=mean, covariance=covariance, sd=sd)
     whole_sd = np.concatenate(list(first.posterior.sd.values()))[_places(first)] / _factors(first)
@@ -305,67 +305,69 @@ def _law(said: HypothesisFit, first: HypothesisFit) -> Law:
     return Law(mean=whole_mean, covariance=whole, sd=whole_sd)
 
 
-def _by_common(said: HypothesisFit, law: Law, first: HypothesisFit) -> np.ndarray:
+def _by_common(fit: HypothesisFit, law: Law, first: HypothesisFit) -> np.ndarray:
     """All of a record's unknowns as what is common has them."""
-    post, places, at = said.posterior, _places(said), _places_in_first(said, first)
+    post, places, at = fit.posterior, _places(fit), _places_in_first(fit, first)
     mean = post.whole
-    away = law.mean[at] * _factors(said) - mean[places]
+    away = law.mean[at] * _factors(fit) - mean[places]
     return np.asarray(mean + post.joint[:, places] @ np.linalg.solve(post.joint[np.ix_(places, places)], away))
 
 
-def _places_in_first(said: HypothesisFit, first: HypothesisFit) -> list[int]:
+def _places_in_first(fit: HypothesisFit, first: HypothesisFit) -> list[int]:
     """Which of the common unknowns a record has."""
     keys = _keys(first)
-    return [keys.index(k) for k in _keys(said)]
+    return [keys.index(k) for k in _keys(fit)]
 
 
-def _turned(said: list[HypothesisFit], law: Law, first: HypothesisFit, before: AxesTurns) -> AxesTurns:
+def _turned(fits: list[HypothesisFit], law: Law, first: HypothesisFit, before: AxesTurns) -> AxesTurns:
     """The turns of the sensors' axes as what is common has them, and the size of their law."""
     at, sigma = before.at.copy(), before.sigma.copy()
-    for k, s in enumerate(said[1:], 1):
+    for k, s in enumerate(fits[1:], 1):
         post, places = s.posterior, _places(s)
-        own = post.places[AXES]
-        at[k] = _by_common(s, law, first)[own]
-        answer = np.linalg.solve(post.joint[np.ix_(places, places)], post.joint[places, own]).T
+        axes = post.places[AXES]
+        at[k] = _by_common(s, law, first)[axes]
+        answer = np.linalg.solve(post.joint[np.ix_(places, places)], post.joint[places, axes]).T
         common = _places_in_first(s, first)
         shown = answer * _factors(s)
-        by_record = post.joint[own, own] - answer @ post.joint[places, own]
+        by_record = post.joint[axes, axes] - answer @ post.joint[places, axes]
         covariance = s.widened**2 * by_record + shown @ law.covariance[np.ix_(common, common)] @ shown.T
         sigma[k] = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     sd = float(np.sqrt(np.mean(at[1:] ** 2 + sigma[1:] ** 2)))
     return AxesTurns(at=at, sigma=sigma, sd=float(np.clip(sd, LEAST_TURN_SD, MOST_TURN_SD)))
 
 
-def _moved(said: HypothesisFit, law: Law, first: HypothesisFit) -> Hypothesis:
+def _moved(fit: HypothesisFit, law: Law, first: HypothesisFit) -> Hypothesis:
     """A record's hypothesis about values that what is common leads to, for effects that are not linear in theirs."""
-    if said.hypothesis.linear:
-        return said.hypothesis
-    own = said.posterior.by_block(_by_common(said, law, first))
-    return replace(said.hypothesis, terms=tuple(t.moved(own[t.name]) if t.moves else t for t in said.hypothesis.terms))
+    if fit.hypothesis.linear:
+        return fit.hypothesis
+    changes = fit.posterior.by_block(_by_common(fit, law, first))
+    return replace(
+        fit.hypothesis, terms=tuple(t.moved(changes[t.name]) if t.moves else t for t in fit.hypothesis.terms)
+    )
 
 
-def _common(said: HypothesisFit, law: Law, laws: list[Law], evidence: float) -> Common:
+def _common(fit: HypothesisFit, law: Law, laws: list[Law], evidence: float) -> Common:
     """The law in parameters, those of effects by one record's columns."""
-    shape, factors = law.mean[:INERTIA], _factors(said)
+    shape, factors = law.mean[:INERTIA], _factors(fit)
     parameters: dict[str, dict[str, float]] = {}
     sigma: dict[str, dict[str, float]] = {}
-    at = INERTIA + (0 if said.axis is None else AXIS)
+    at = INERTIA + (0 if fit.axis is None else AXIS)
     names = [("", "")] * at
-    for term in said.hypothesis.terms:
-        own = _solved_for(term)
-        mean = said.posterior.mean[term.name].copy()
+    for term in fit.hypothesis.terms:
+        solved = _solved_for(term)
+        mean = fit.posterior.mean[term.name].copy()
         covariance = np.zeros((len(mean), len(mean)))
-        here, scale = slice(at, at + len(own)), factors[at : at + len(own)]
-        mean[own] = law.mean[here] * scale
-        covariance[np.ix_(own, own)] = law.covariance[here, here] * np.outer(scale, scale)
-        at += len(own)
+        here, scale = slice(at, at + len(solved)), factors[at : at + len(solved)]
+        mean[solved] = law.mean[here] * scale
+        covariance[np.ix_(solved, solved)] = law.covariance[here, here] * np.outer(scale, scale)
+        at += len(solved)
         values, spread = term.values(mean, covariance)
         sd = np.sqrt(np.maximum(np.diag(spread), 0.0))
         of = {k: term.of_body_as(n) for k, n in enumerate(term.unknowns) if n in term.of_body}
         parameters[term.name] = {n: float(values[k] / f) for k, (n, f) in of.items()}
         sigma[term.name] = {n: float(sd[k] / f) for k, (n, f) in of.items()}
         linear = term.prior is None and not term.moves
-        names += [(term.name, of[k][0]) if linear else ("", "") for k in own]
+        names += [(term.name, of[k][0]) if linear else ("", "") for k in solved]
     return Common(
         shape=shape, covariance=law.covariance[:INERTIA, :INERTIA], inertia=inertia_of(shape), evidence=evidence,
         parameters=parameters, sigma=sigma, law=law, records=tuple(laws), names=tuple(names),

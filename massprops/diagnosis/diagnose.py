@@ -85,15 +85,17 @@ def _diagnosed(sequence: Sequence, progress: Callable[[str, int, int], None]) ->
     record = _record(sequence)
     turn = _turn(record.path.t, record.path.w)
     blind = turn < criteria.LEAST_TURN
-    found = _without_effects(record, turn) if blind else select(record, progress)
+    selection = _without_effects(record, turn) if blind else select(record, progress)
     if record.rows.rates and sequence.rates is not None and sequence.rates.sigma is None:
-        warnings.append(f"imu0 states no noise: {_noise(found):.3g} rad/s estimated, which no smooth torque can follow")
-    document = document_of_selection(found, warnings)
+        warnings.append(
+            f"imu0 states no noise: {_noise(selection):.3g} rad/s estimated, which no smooth torque can follow"
+        )
+    document = document_of_selection(selection, warnings)
     if blind:
         document["reason"] = blind_reason(turn)
     if lever is not None:
         document["lever"] = {"sensor_from_centre_of_mass_m": lever.r, "sigma": lever.sigma, "left_m_s2": lever.left}
-    return BalanceDiagnosis(document=document, model=model_of_selection(found), record=record, selection=found)
+    return BalanceDiagnosis(document=document, model=model_of_selection(selection), record=record, selection=selection)
 
 
 def _without_effects(record: Record, turn: float) -> Selection:

@@ -235,26 +235,26 @@ def admissible(record: Record, hypothesis: Hypothesis, start: Start, latent: boo
     """The fit of a hypothesis, or None where it leads nowhere or to what cannot be."""
     h = replace(hypothesis, latent=latent)
     try:
-        found = fit_hypothesis(record, h, start)
+        fit = fit_hypothesis(record, h, start)
     except NotPossible:
         return None
-    return found if can_be(found) else None
+    return fit if can_be(fit) else None
 
 
-def can_be(found: HypothesisFit) -> bool:
+def can_be(fit: HypothesisFit) -> bool:
     """Whether no parameter is below its least beyond doubt, and an inertia after a change is a body's."""
-    wide = criteria.SHOWN * widening(found.residual)
-    for term in found.hypothesis.terms:
+    wide = criteria.SHOWN * widening(fit.residual)
+    for term in fit.hypothesis.terms:
         least = {q.name: q.least for q in term.effect.PARAMETERS}
-        sd = np.sqrt(np.maximum(np.diag(found.covariance[term.name]), 0.0))
-        for name, value, s in zip(term.unknowns, found.values[term.name], sd, strict=True):
+        sd = np.sqrt(np.maximum(np.diag(fit.covariance[term.name]), 0.0))
+        for name, value, s in zip(term.unknowns, fit.values[term.name], sd, strict=True):
             lowest = least[name]
             if lowest is not None and value + wide * s < lowest:
                 return False
         possible = getattr(term.effect, "can_be", None)
-        if possible is not None and not possible(found.inertia, found.rate, found.values[term.name]):
+        if possible is not None and not possible(fit.inertia, fit.rate, fit.values[term.name]):
             return False
-        if hasattr(term.effect, "inertia") and not _is_a_body(found, term):
+        if hasattr(term.effect, "inertia") and not _is_a_body(fit, term):
             return False
     return True
 
@@ -267,13 +267,13 @@ def widening(residual: np.ndarray) -> float:
     return float(np.sqrt((1.0 + alike) / (1.0 - alike)))
 
 
-def _is_a_body(found: HypothesisFit, term: Term) -> bool:
+def _is_a_body(fit: HypothesisFit, term: Term) -> bool:
     """Whether the inertia with an effect's change of it is one that a body can have: second moments of mass that are not
     nothing, and about as large as before. A change that takes the whole inertia away leaves any rates unopposed."""
-    a, b, c, d, e, f = found.values[term.name][:6]
-    after = found.inertia + np.array([[a, d, e], [d, b, f], [e, f, c]])
+    a, b, c, d, e, f = fit.values[term.name][:6]
+    after = fit.inertia + np.array([[a, d, e], [d, b, f], [e, f, c]])
     second = np.linalg.eigvalsh(0.5 * np.trace(after) * np.eye(3) - after)
-    before = np.linalg.eigvalsh(0.5 * np.trace(found.inertia) * np.eye(3) - found.inertia)
-    least = criteria.LEAST_SHARE * np.trace(found.inertia)
-    grown = np.trace(after) / np.trace(found.inertia)
+    before = np.linalg.eigvalsh(0.5 * np.trace(fit.inertia) * np.eye(3) - fit.inertia)
+    least = criteria.LEAST_SHARE * np.trace(fit.inertia)
+    grown = np.trace(after) / np.trace(fit.inertia)
     return bool(min(second[0], before[0]) > least and 1.0 / criteria.MOST_GROWN < grown < criteria.MOST_GROWN)

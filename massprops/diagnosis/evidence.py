@@ -80,7 +80,7 @@ class Posterior:
 
     def by_block(self, values: np.ndarray) -> dict[str, np.ndarray]:
         """Numbers (k,) of all unknowns, by block."""
-        return {name: values[own] for name, own in self.places.items()}
+        return {name: values[place] for name, place in self.places.items()}
 
     def shifts(self, change: np.ndarray, at: np.ndarray) -> dict[str, np.ndarray]:
         """By how much the likeliest values of all unknowns move, by block, with a change (f,) of those at places (f,) of all."""
@@ -180,17 +180,17 @@ def _searched(search: _Search, sizes: np.ndarray, steps: int) -> _Step:
     best: _Step | None = None
     path: list[np.ndarray] = []
     for _ in range(steps):
-        own = search.step(sizes)
-        gain = np.inf if best is None else own.evidence - best.evidence
+        step = search.step(sizes)
+        gain = np.inf if best is None else step.evidence - best.evidence
         if search.sparse and gain < -enough:  # too far: on from where the steps themselves led
             assert best is not None
             sizes, path = best.moved, []
             continue
-        best = own
+        best = step
         if path and abs(gain) < enough:  # not ahead of two steps: there it may be small by chance
             break
         path = [*path[-1:], sizes]
-        sizes = own.moved
+        sizes = step.moved
         if search.sparse and len(path) == 2:
             sizes, path = _ahead(path[0], path[1], sizes), []
     assert best is not None
@@ -395,12 +395,12 @@ def _moved_sizes(
     from massprops.diagnosis.size_kernel import sparse_moved
 
     gained = 0.0
-    for block, own in places:
+    for block, place in places:
         if block.kind == "common":
-            sd[own] = np.sqrt(max(float(np.mean(second[own])), 1e-24))
+            sd[place] = np.sqrt(max(float(np.mean(second[place])), 1e-24))
         elif block.kind == "sparse":
             fixed = np.array(np.broadcast_to(np.asarray(block.sd, float), block.count)[: block.own])
-            more, scale[block.name] = sparse_moved(sd[own], second[own], fixed, scale[block.name], DEGREES)
+            more, scale[block.name] = sparse_moved(sd[place], second[place], fixed, scale[block.name], DEGREES)
             gained += more
     return gained
 

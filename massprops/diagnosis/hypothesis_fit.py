@@ -128,10 +128,10 @@ class _Solution:
         places = self.posterior.places
         at, here = [np.arange(INERTIA)], [self.guess.shape]
         for term in self.hypothesis.terms:
-            own = term.here(len(self.posterior.mean[term.name]))
-            if own is not None:
+            bend = term.here(len(self.posterior.mean[term.name]))
+            if bend is not None:
                 at.append(np.arange(places[term.name].start, places[term.name].stop))
-                here.append(own)
+                here.append(bend)
         return np.concatenate(at), np.concatenate(here)
 
     @cached_property
@@ -198,42 +198,42 @@ def fit_hypothesis(record: Record, hypothesis: Hypothesis, start: Start, passes:
         NotPossible: the start leads nowhere.
     """
     guess = _first_guess(record, hypothesis, start)
-    found: HypothesisFit | None = None
+    fit: HypothesisFit | None = None
     best: _Solution | None = None
     damped = taken = 1.0
     # what is linearised about its own values takes about twice as many to its end
     for k in range(passes if hypothesis.linear or passes < PASSES else 2 * passes):
-        before, settled = found, False
+        before, settled = fit, False
         # about rates as measured, noise stands in the columns of the inertia, and a wheel answers for it: first the motion alone
         motion = hypothesis.wheel and k == 0
         try:
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-                own = solved_about(record, hypothesis, guess)
-                if best is None or own.follows(best, taken):
-                    settled = best is not None and own.near(best)
-                    best, damped = own, min(1.0, 2.0 * damped)
+                solution = solved_about(record, hypothesis, guess)
+                if best is None or solution.follows(best, taken):
+                    settled = best is not None and solution.near(best)
+                    best, damped = solution, min(1.0, 2.0 * damped)
                 else:
                     damped = 0.5 * min(best.longest, damped)
                 taken = min(best.longest, damped)
-                found, guess = _reached(best, 0.0 if motion else taken)
+                fit, guess = _reached(best, 0.0 if motion else taken)
                 best = None if motion else best
         except (np.linalg.LinAlgError, FloatingPointError):  # astray: the pass before is as far as it goes
             break
-        if not (np.isfinite(found.evidence) and np.isfinite(found.rate).all()):
-            found = before
+        if not (np.isfinite(fit.evidence) and np.isfinite(fit.rate).all()):
+            fit = before
             break
-        record, hypothesis = found.record, _moved(found)
+        record, hypothesis = fit.record, _moved(fit)
         if settled:
-            return replace(found, settled=True)
-    if found is None or best is None:
+            return replace(fit, settled=True)
+    if fit is None or best is None:
         raise NotPossible(
             "no rotation of a rigid body comes near this record, which may hold more than one body or flight: cut it to one"
         )
-    return found if passes < PASSES else _widened(found, best)
+    return fit if passes < PASSES else _widened(fit, best)
 
 
 def linearised(
-    found: HypothesisFit,
+    fit: HypothesisFit,
     hypothesis: Hypothesis,
     shape: np.ndarray,
     axis: np.ndarray | None,
@@ -246,30 +246,30 @@ def linearised(
     Raises:
         NotPossible: no body comes near the record there.
     """
-    found = found if axes is None else _in_turned_axes(found, axes.at)
+    fit = fit if axes is None else _in_turned_axes(fit, axes.at)
     path, sizes = (
-        found.record.path,
-        {b.name: float(found.posterior.sd[b.name][0]) for b in found.blocks if b.kind == "common"},
+        fit.record.path,
+        {b.name: float(fit.posterior.sd[b.name][0]) for b in fit.blocks if b.kind == "common"},
     )
-    carried = found.carried + found.rate @ (inertia_of(shape) - found.inertia)
-    other = axis is not None and found.axis is not None and axis @ found.axis < 0.0
+    carried = fit.carried + fit.rate @ (inertia_of(shape) - fit.inertia)
+    other = axis is not None and fit.axis is not None and axis @ fit.axis < 0.0
     guess = Guess(
-        shape=shape, rate=found.rate, momentum=carried, axis=axis, sizes=sizes, noise=found.noise,
-        history=-found.history if other and found.history is not None else found.history,
+        shape=shape, rate=fit.rate, momentum=carried, axis=axis, sizes=sizes, noise=fit.noise,
+        history=-fit.history if other and fit.history is not None else fit.history,
         start=np.mean(np.einsum("nij,nj->ni", path.R, carried), axis=0), axes=axes,
     )  # fmt: skip
     try:
-        return replace(_reached(solved_about(found.record, hypothesis, guess), 1.0)[0], widened=found.widened)
+        return replace(_reached(solved_about(fit.record, hypothesis, guess), 1.0)[0], widened=fit.widened)
     except (np.linalg.LinAlgError, FloatingPointError):
         raise NotPossible("the records have no body in common that comes near them") from None
 
 
-def _in_turned_axes(found: HypothesisFit, turn: np.ndarray) -> HypothesisFit:
+def _in_turned_axes(fit: HypothesisFit, turn: np.ndarray) -> HypothesisFit:
     """A fit's motion and body in axes of which the record's are turned by `turn` (3,) [rad]."""
     C = rotation_matrix(from_rotation_vector(turn))
     return replace(
-        found, record=in_turned_axes(found.record, turn), rate=found.rate @ C, carried=found.carried @ C,
-        inertia=C.T @ found.inertia @ C, axis=None if found.axis is None else found.axis @ C,
+        fit, record=in_turned_axes(fit.record, turn), rate=fit.rate @ C, carried=fit.carried @ C,
+        inertia=C.T @ fit.inertia @ C, axis=None if fit.axis is None else fit.axis @ C,
     )  # fmt: skip
 
 
@@ -284,20 +284,22 @@ def _first_guess(record: Record, hypothesis: Hypothesis, start: Start) -> Guess:
     )  # fmt: skip
 
 
-def _moved(found: HypothesisFit) -> Hypothesis:
+def _moved(fit: HypothesisFit) -> Hypothesis:
     """The hypothesis about the values that a pass led to, for effects that are not linear in theirs."""
-    own = found.hypothesis
-    return replace(own, terms=tuple(t.moved(found.posterior.mean[t.name]) if t.moves else t for t in own.terms))
+    hypothesis = fit.hypothesis
+    return replace(
+        hypothesis, terms=tuple(t.moved(fit.posterior.mean[t.name]) if t.moves else t for t in hypothesis.terms)
+    )
 
 
-def _widened(found: HypothesisFit, last: _Solution) -> HypothesisFit:
+def _widened(fit: HypothesisFit, last: _Solution) -> HypothesisFit:
     """A fit that did not settle, with what its effects would move by with the step that was left in their covariance."""
-    shift, post = last.posterior.shifts(last.step, last.bent[0]), found.posterior
+    shift, post = last.posterior.shifts(last.step, last.bent[0]), fit.posterior
     covariance = dict(post.covariance)
-    for term in found.hypothesis.terms:
+    for term in fit.hypothesis.terms:
         covariance[term.name] = covariance[term.name] + np.outer(shift[term.name], shift[term.name])
-    own = {t.name: t.values(post.mean[t.name], covariance[t.name])[1] for t in found.hypothesis.terms}
-    return replace(found, posterior=replace(post, covariance=covariance), covariance=own)
+    values = {t.name: t.values(post.mean[t.name], covariance[t.name])[1] for t in fit.hypothesis.terms}
+    return replace(fit, posterior=replace(post, covariance=covariance), covariance=values)
 
 
 def solved_about(record: Record, hypothesis: Hypothesis, guess: Guess) -> _Solution:
@@ -329,44 +331,48 @@ def _sized_at_guess(record: Record, guess: Guess, blocks: list[Block], y: np.nda
     base = blocks[0]
     held = Block(name=base.name, columns=base.columns[:, INERTIA:], sd=np.asarray(base.sd)[INERTIA:])
     sized = _sized(record, guess, [held, *blocks[1:]], y - base.columns[:, :INERTIA] @ guess.shape)
-    own = [base, *(replace(b, sd=sized.sd[b.name]) for b in blocks[1:])]
-    return solve(own, y, record.noise_rows, record.rows.groups, steps=1, noise=sized.noise)
+    sized_blocks = [base, *(replace(b, sd=sized.sd[b.name]) for b in blocks[1:])]
+    return solve(sized_blocks, y, record.noise_rows, record.rows.groups, steps=1, noise=sized.noise)
 
 
-def _reached(own: _Solution, part: float) -> tuple[HypothesisFit, Guess]:
+def _reached(solution: _Solution, part: float) -> tuple[HypothesisFit, Guess]:
     """The fit after a part of the step of the inertia, all else as that inertia has it, and the next guess."""
-    record, hypothesis, guess, balance = own.record, own.hypothesis, own.guess, own.balance
+    record, hypothesis, guess, balance = solution.record, solution.hypothesis, solution.guess, solution.balance
     path, rows = record.path, record.rows
-    post = own.posterior if part == 1.0 else own.posterior.moved((part - 1.0) * own.step, own.bent[0], own.blocks)
+    post = (
+        solution.posterior
+        if part == 1.0
+        else solution.posterior.moved((part - 1.0) * solution.step, solution.bent[0], solution.blocks)
+    )
     base = post.mean["base"]
-    shape = guess.shape + part * own.step[:INERTIA]
+    shape = guess.shape + part * solution.step[:INERTIA]
     turn = None if rows.rates else base[INERTIA + 3 :]
-    whole, phi = balance.motion(_rate_along(own.parts, post, balance, guess), turn)
+    whole, phi = balance.motion(_rate_along(solution.parts, post, balance, guess), turn)
     axis, history, history_sd = _wheel_found(record, hypothesis, guess, post)
     torque = np.zeros_like(path.w)
-    latent = np.zeros(len(own.y))
+    latent = np.zeros(len(solution.y))
     for name, shapes in unknown_torques(record, hypothesis):
         torque = torque + shapes @ post.mean[name]
-        latent = latent + next(b.columns for b in own.blocks if b.name == name) @ post.mean[name]
+        latent = latent + next(b.columns for b in solution.blocks if b.name == name) @ post.mean[name]
     summed = {t.name: t.values(post.mean[t.name], post.covariance[t.name]) for t in hypothesis.terms}
     moved = record if rows.rates else along(record, path.turned(phi, whole), attitudes_of(record))
     inside = np.zeros_like(whole) if axis is None or history is None else history[:, None] * axis
-    for name, forcing in own.active.items():
+    for name, forcing in solution.active.items():
         if forcing.internal is not None:
             inside = inside + forcing.internal @ post.mean[name]
-    found = HypothesisFit(
+    fit = HypothesisFit(
         hypothesis=hypothesis, record=moved, shape=shape, inertia=inertia_of(shape), momentum=guess.start + base[INERTIA : INERTIA + 3],
         evidence=post.evidence - float(np.sum(np.log(rows.spread))) + log_density(record, hypothesis.memory), noise=post.noise, posterior=post,
         values={k: v for k, (v, _) in summed.items()}, covariance={k: c for k, (_, c) in summed.items()},
         axis=axis, history=history, history_sd=history_sd, torque=torque,
         left=(post.residual + latent).reshape(-1, 3), residual=post.residual.reshape(-1, 3), rate=whole,
         carried=whole @ inertia_of(shape) + inside,
-        blocks=tuple(own.blocks), y=own.y, unverified=own.unverified,
+        blocks=tuple(solution.blocks), y=solution.y, unverified=solution.unverified,
     )  # fmt: skip
     # beside a wheel's heavy-tailed steps the search for sizes has many ends: it begins anew with every pass
-    kept = [] if hypothesis.wheel else [b.name for b in own.blocks if b.kind == "common"]
-    return found, Guess(
-        shape=shape, rate=whole, momentum=found.carried, axis=axis, history=history, start=found.momentum,
+    kept = [] if hypothesis.wheel else [b.name for b in solution.blocks if b.kind == "common"]
+    return fit, Guess(
+        shape=shape, rate=whole, momentum=fit.carried, axis=axis, history=history, start=fit.momentum,
         noise=None if hypothesis.wheel else post.noise, sizes={name: float(post.sd[name][0]) for name in kept},
     )  # fmt: skip
 

@@ -143,8 +143,8 @@ def _finished(record: Record, fits: list[HypothesisFit], starts: list[Start]) ->
     """The best fit of two effects to the end; None where they have the wrong sign."""
     done = []
     for fit in fits:
-        own = fit.hypothesis
-        done += [admissible(record, own, s, latent=False) for s in (again(fit), *starts)]
+        hypothesis = fit.hypothesis
+        done += [admissible(record, hypothesis, s, latent=False) for s in (again(fit), *starts)]
     return max((f for f in done if f is not None), key=lambda f: f.evidence, default=None)
 
 

@@ -77,7 +77,7 @@ class _Law:
         return np.asarray(self.axes @ turn * np.sqrt(2.0 * WANTED / np.maximum(values, FLAT)))
 
 
-def with_scanned(found: HypothesisFit, gap: float) -> HypothesisFit:
+def with_scanned(fit: HypothesisFit, gap: float) -> HypothesisFit:
     """The fit along a finer path, at the best of its scanned values, with their 1-sigma (`held_sd`) and what they add to its
     covariance.
 
@@ -87,35 +87,35 @@ def with_scanned(found: HypothesisFit, gap: float) -> HypothesisFit:
     Args:
         gap: between measurements [s].
     """
-    places = _places(found, gap)
-    found = _of_any_length(_finer(found, gap), gap)
+    places = _places(fit, gap)
+    fit = _of_any_length(_finer(fit, gap), gap)
     if not places:
-        return with_open_moment(by_whole_motion(found))
+        return with_open_moment(by_whole_motion(fit))
     at_once = len(places) == 1 and places[0].name == "time"
-    told = _over_moments(found, places[0], gap) if at_once else None
+    told = _over_moments(fit, places[0], gap) if at_once else None
     if told is not None:
         return told
     lasting = [p for p in places if p.name == "duration"]
-    short = [p for p in lasting if _may_be_shortest(found, p, gap)]
+    short = [p for p in lasting if _may_be_shortest(fit, p, gap)]
     for summed in [short] if short == lasting else [short, lasting]:
-        told = _told(found, [p for p in places if p not in summed]) if len(summed) < len(places) else None
+        told = _told(fit, [p for p in places if p not in summed]) if len(summed) < len(places) else None
         if told is not None:
             return _over_lengths(told, summed, gap)
-    return by_whole_motion(found)
+    return by_whole_motion(fit)
 
 
-def _over_moments(found: HypothesisFit, place: _Place, gap: float) -> HypothesisFit | None:
+def _over_moments(fit: HypothesisFit, place: _Place, gap: float) -> HypothesisFit | None:
     """The fit at the likeliest moment of an event that happens at once, with what the moment leaves open: its evidence summed over
     moments, as it has an end between each two measurements, where what happens follows the noise of the next ones. None where it does
     not fall so soon: then the law about the best says as much."""
-    tried = [found]
+    tried = [fit]
     for sign in (-1.0, 1.0):
         for k in range(1, FARTHEST * PER_GAP + 1):
-            fit = _moved(found, [place], np.array([sign * k * gap / PER_GAP]))
-            if fit is None:
+            neighbour = _moved(fit, [place], np.array([sign * k * gap / PER_GAP]))
+            if neighbour is None:
                 return None
-            tried.append(fit)
-            if fit.evidence < max(f.evidence for f in tried) - FALLEN:
+            tried.append(neighbour)
+            if neighbour.evidence < max(f.evidence for f in tried) - FALLEN:
                 break
         else:
             return None
@@ -127,55 +127,53 @@ def _over_moments(found: HypothesisFit, place: _Place, gap: float) -> Hypothesis
         name: own + np.sum([w * np.outer(d, d) for w, f in zip(weights, tried, strict=True) for d in [f.values[name] - best.values[name]]], axis=0)
         for name, own in told.covariance.items()
     }  # fmt: skip
-    name = found.hypothesis.terms[place.term].name
+    name = fit.hypothesis.terms[place.term].name
     moments = np.array([dict(f.hypothesis.terms[place.term].held)[place.name] for f in tried])
     sd = float(np.sqrt(weights @ (moments - moments[-1]) ** 2 + (gap / PER_GAP) ** 2 / 12.0))
     return replace(told, covariance=covariance, held_sd={**told.held_sd, name: {place.name: sd}})
 
 
-def _told(found: HypothesisFit, places: list[_Place]) -> HypothesisFit | None:
+def _told(fit: HypothesisFit, places: list[_Place]) -> HypothesisFit | None:
     """The fit at the best of the places, with their 1-sigma; None where a step leads nowhere."""
     try:
         # a knock's time and duration are known far worse than its middle: the law's own axes are found first
-        axes = _law(found, places, np.diag([p.step for p in places])).principal
+        axes = _law(fit, places, np.diag([p.step for p in places])).principal
         for _ in range(ROUNDS):
-            law = _law(found, places, axes)
+            law = _law(fit, places, axes)
             best = law.spread @ law.gradient
-            moved = _moved(found, places, law.axes @ np.clip(best, -1.0, 1.0)) if np.abs(best).max() > FAR else None
-            if moved is None or not moved.evidence > found.evidence:
+            moved = _moved(fit, places, law.axes @ np.clip(best, -1.0, 1.0)) if np.abs(best).max() > FAR else None
+            if moved is None or not moved.evidence > fit.evidence:
                 break
-            found, axes = moved, law.principal
+            fit, axes = moved, law.principal
     except _Astray:
         return None
-    return _widened(found, places, law)
+    return _widened(fit, places, law)
 
 
-def _lasting(found: HypothesisFit, which: int, length: float, event: Term | None = None) -> HypothesisFit | None:
+def _lasting(fit: HypothesisFit, which: int, length: float, event: Term | None = None) -> HypothesisFit | None:
     """The fit with another length of an event, one of its terms, about the same middle, or that of `event`; None where that leads nowhere."""
-    terms = list(found.hypothesis.terms)
+    terms = list(fit.hypothesis.terms)
     event = event or terms[which]
     held = dict(event.held)
     middle = held["time"] + 0.5 * held["duration"]
     terms[which] = term_of(event.effect, held | {"time": middle - 0.5 * length, "duration": length})
-    return admissible(
-        found.record, replace(found.hypothesis, terms=tuple(terms)), again(found), found.hypothesis.latent
-    )
+    return admissible(fit.record, replace(fit.hypothesis, terms=tuple(terms)), again(fit), fit.hypothesis.latent)
 
 
-def _may_be_shortest(found: HypothesisFit, place: _Place, gap: float) -> bool:
+def _may_be_shortest(fit: HypothesisFit, place: _Place, gap: float) -> bool:
     """Whether an event may be as short as the path's own steps, so that its length has no normal law."""
-    fit = _lasting(found, place.term, gap / FINER)
-    return fit is not None and fit.evidence > found.evidence - FALLEN
+    shortest = _lasting(fit, place.term, gap / FINER)
+    return shortest is not None and shortest.evidence > fit.evidence - FALLEN
 
 
-def _over_lengths(found: HypothesisFit, summed: list[_Place], gap: float) -> HypothesisFit:
+def _over_lengths(fit: HypothesisFit, summed: list[_Place], gap: float) -> HypothesisFit:
     """With what events' lengths leave open of these, of the moments at which they begin and of all else: the evidence summed over
     lengths about the same middle, from the shortest on until it has fallen."""
-    covariance = dict(found.covariance)
-    held = {name: dict(own) for name, own in found.held_sd.items()}
+    covariance = dict(fit.covariance)
+    held = {name: dict(own) for name, own in fit.held_sd.items()}
     for place in summed:
-        name, own = found.hypothesis.terms[place.term].name, dict(found.hypothesis.terms[place.term].held)
-        here, tried = _lasting(found, place.term, own["duration"]), _by_length(found, place, gap)
+        name, own = fit.hypothesis.terms[place.term].name, dict(fit.hypothesis.terms[place.term].held)
+        here, tried = _lasting(fit, place.term, own["duration"]), _by_length(fit, place, gap)
         if here is None or not tried:
             continue
         weights = np.exp([f.evidence - max(f.evidence for f in tried) for f in tried])
@@ -187,7 +185,7 @@ def _over_lengths(found: HypothesisFit, summed: list[_Place], gap: float) -> Hyp
         for effect in covariance:
             off = np.array([f.values[effect] for f in tried]) - here.values[effect]
             covariance[effect] = covariance[effect] + (weights * off.T) @ off
-    return replace(found, covariance=covariance, held_sd=held)
+    return replace(fit, covariance=covariance, held_sd=held)
 
 
 def _by_length(found: HypothesisFit, place: _Place, gap: float) -> list[HypothesisFit]:
@@ -202,14 +200,14 @@ def _by_length(found: HypothesisFit, place: _Place, gap: float) -> list[Hypothes
     return out
 
 
-def at_likely_scale(found: HypothesisFit) -> HypothesisFit:
+def at_likely_scale(fit: HypothesisFit) -> HypothesisFit:
     """The fit under the smallest prior of the gyroscope's scale and misalignment that is as likely as any, where rates alone were
     measured: the smallest moment of a slender body moves by as many percent as these errors have tenths of a percent."""
-    if not found.record.rows.rates:
-        return found
-    start, latent = again(found), found.hypothesis.latent
-    others = (admissible(found.record, replace(found.hypothesis, scale=s), start, latent) for s in SCALES)
-    fits = [*(f for f in others if f is not None), found]
+    if not fit.record.rows.rates:
+        return fit
+    start, latent = again(fit), fit.hypothesis.latent
+    others = (admissible(fit.record, replace(fit.hypothesis, scale=s), start, latent) for s in SCALES)
+    fits = [*(f for f in others if f is not None), fit]
     likeliest = max(f.evidence for f in fits)
     return next(f for f in fits if f.evidence > likeliest - ALIKE)
 
@@ -224,9 +222,9 @@ class _Place:
     signed: bool
 
 
-def _places(found: HypothesisFit, gap: float) -> list[_Place]:
-    out, whole = [], has_whole_motion(found)
-    for k, term in enumerate(found.hypothesis.terms):
+def _places(fit: HypothesisFit, gap: float) -> list[_Place]:
+    out, whole = [], has_whole_motion(fit)
+    for k, term in enumerate(fit.hypothesis.terms):
         held, kinds = dict(term.held), {q.name: q.kind for q in term.effect.PARAMETERS}
         for name, step in steps(term, gap).items():
             signed = kinds[name] == "direction"
@@ -236,28 +234,28 @@ def _places(found: HypothesisFit, gap: float) -> list[_Place]:
     return out
 
 
-def _finer(found: HypothesisFit, gap: float) -> HypothesisFit:
+def _finer(fit: HypothesisFit, gap: float) -> HypothesisFit:
     """The fit along a path with its longer steps halved, and with more points about its events, so that one can begin and end
     between two measurements: by the path's own steps a kick moves by its sigma with where they happen to lie."""
-    more = [_halfway(found)]
-    for term in found.hypothesis.terms:
+    more = [_halfway(fit)]
+    for term in fit.hypothesis.terms:
         held = dict(term.held)
         if "time" in held:
             begins, ends = held["time"] - ABOUT * gap, held["time"] + held.get("duration", 0.0) + ABOUT * gap
             more.append(np.arange(begins, ends, gap / FINER))
     points = np.unique(np.concatenate(more))
     if not len(points):
-        return found
-    record, start = with_points(found.record, points), again(found)
-    if found.history is not None:
-        start = replace(start, history=np.interp(record.path.t, found.record.path.t, found.history))
-    return admissible(record, found.hypothesis, start, found.hypothesis.latent) or found
+        return fit
+    record, start = with_points(fit.record, points), again(fit)
+    if fit.history is not None:
+        start = replace(start, history=np.interp(record.path.t, fit.record.path.t, fit.history))
+    return admissible(record, fit.hypothesis, start, fit.hypothesis.latent) or fit
 
 
-def _of_any_length(found: HypothesisFit, gap: float) -> HypothesisFit:
+def _of_any_length(fit: HypothesisFit, gap: float) -> HypothesisFit:
     """The likeliest of the fit and of those whose events last otherwise about the same middle."""
-    best = found
-    for k, term in enumerate(found.hypothesis.terms):
+    best = fit
+    for k, term in enumerate(fit.hypothesis.terms):
         held = dict(term.held)
         if held.get("duration", 0.0) <= 0.0 or held.get("parts", 1) != 1:
             continue
@@ -267,10 +265,10 @@ def _of_any_length(found: HypothesisFit, gap: float) -> HypothesisFit:
     return best
 
 
-def _halfway(found: HypothesisFit) -> np.ndarray:
+def _halfway(fit: HypothesisFit) -> np.ndarray:
     """Times (k,) in the middle of the path's longer steps; none along a gyroscope's own path, which its rates make."""
-    path = found.record.path
-    if found.record.rows.rates:
+    path = fit.record.path
+    if fit.record.rows.rates:
         return np.zeros(0)
     long = np.linalg.norm(path.steps, axis=1) * np.diff(path.t) > LARGEST_STEP
     return np.asarray(0.5 * (path.t[1:] + path.t[:-1])[long])
@@ -289,7 +287,7 @@ def _moved(found: HypothesisFit, places: list[_Place], by: np.ndarray) -> Hypoth
     return admissible(found.record, moved, again(found), moved.latent)
 
 
-def _law(found: HypothesisFit, places: list[_Place], axes: np.ndarray) -> _Law:
+def _law(fit: HypothesisFit, places: list[_Place], axes: np.ndarray) -> _Law:
     """The normal law by steps along `axes` (n, n), each made longer or shorter until the evidence falls as `FALL` says.
 
     Raises:
@@ -297,10 +295,10 @@ def _law(found: HypothesisFit, places: list[_Place], axes: np.ndarray) -> _Law:
     """
 
     def at(by: np.ndarray) -> HypothesisFit:
-        fit = _moved(found, places, by)
-        if fit is None:
+        moved = _moved(fit, places, by)
+        if moved is None:
             raise _Astray
-        return fit
+        return moved
 
     axes, n = axes.copy(), len(places)
     E = at(np.zeros(n)).evidence  # as its neighbours are fitted
@@ -308,7 +306,7 @@ def _law(found: HypothesisFit, places: list[_Place], axes: np.ndarray) -> _Law:
     for i in range(n):
         most = np.inf
         for attempt in range(TRIES):
-            up, down = _moved(found, places, axes[:, i]), _moved(found, places, -axes[:, i])
+            up, down = _moved(fit, places, axes[:, i]), _moved(fit, places, -axes[:, i])
             fall = np.inf if up is None or down is None else E - 0.5 * (up.evidence + down.evidence)
             change = 0.5 if fall > FALL[1] else 2.0 if fall < FALL[0] else 1.0
             if change == 1.0 or attempt == TRIES - 1 or (change > 1.0 and most <= 2.0):
@@ -327,18 +325,18 @@ def _law(found: HypothesisFit, places: list[_Place], axes: np.ndarray) -> _Law:
         curvature[i, j] = curvature[j, i] = -0.5 * (both + 2.0 * E - up_[i] - down_[i] - up_[j] - down_[j])
     slopes = {
         t.name: np.stack([0.5 * (a.values[t.name] - b.values[t.name]) for a, b in zip(ups, downs, strict=True)], axis=1)
-        for t in found.hypothesis.terms
+        for t in fit.hypothesis.terms
     }
     return _Law(axes, curvature, 0.5 * (up_ - down_), slopes)
 
 
-def _widened(found: HypothesisFit, places: list[_Place], law: _Law) -> HypothesisFit:
-    found = by_whole_motion(found)
+def _widened(fit: HypothesisFit, places: list[_Place], law: _Law) -> HypothesisFit:
+    fit = by_whole_motion(fit)
     covariance = {
-        name: own + law.slopes[name] @ law.spread @ law.slopes[name].T for name, own in found.covariance.items()
+        name: own + law.slopes[name] @ law.spread @ law.slopes[name].T for name, own in fit.covariance.items()
     }
     sd = np.sqrt(np.diag(law.axes @ law.spread @ law.axes.T))
     held: dict[str, dict[str, float]] = {}
     for place, s in zip(places, sd, strict=True):
-        held.setdefault(found.hypothesis.terms[place.term].name, {})[place.name] = float(s)
-    return replace(found, covariance=covariance, held_sd={**found.held_sd, **held})
+        held.setdefault(fit.hypothesis.terms[place.term].name, {})[place.name] = float(s)
+    return replace(fit, covariance=covariance, held_sd={**fit.held_sd, **held})

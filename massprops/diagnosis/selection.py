@@ -250,8 +250,8 @@ def _by_itself(alone: HypothesisFit) -> HypothesisFit:
     """What is told of an effect that follows what was measured: an unknown torque beside it takes a part of what it explains (the
     size of a wheel came to 0.5 to 0.9 of what it is in seven flights), and errors of the gyroscope what it leaves (1.01 to 1.10,
     with hardly any 0.95 to 1.06). Its sigmas allow for what is left to be alike in neighbours."""
-    own = replace(alone.hypothesis, scale=criteria.SCALES[0])
-    fit = fit_hypothesis(alone.record, own, again(alone))
+    hypothesis = replace(alone.hypothesis, scale=criteria.SCALES[0])
+    fit = fit_hypothesis(alone.record, hypothesis, again(alone))
     widened = widening(fit.residual)
     wide = widened**2
     posterior = replace(fit.posterior, covariance={k: wide * v for k, v in fit.posterior.covariance.items()})
@@ -260,7 +260,7 @@ def _by_itself(alone: HypothesisFit) -> HypothesisFit:
     )
 
 
-def _with_best(c: Candidate, found: HypothesisFit) -> Candidate:
+def _with_best(c: Candidate, fit: HypothesisFit) -> Candidate:
     if c.told is not None:
-        return replace(c, told=found)
-    return replace(c, with_latent=found) if c.best is c.with_latent else replace(c, alone=found)
+        return replace(c, told=fit)
+    return replace(c, with_latent=fit) if c.best is c.with_latent else replace(c, alone=fit)

@@ -172,7 +172,7 @@ def _in_each(key: tuple[str, bool], selections: list[Selection]) -> tuple[Candid
     return ()
 
 
-def _common_effect(name: str, own: tuple[Candidate, ...], base: Common, axes: bool) -> CommonEffect:
+def _common_effect(name: str, candidates: tuple[Candidate, ...], base: Common, axes: bool) -> CommonEffect:
     """An effect in all records, over their free body; axes: whether those of the sensors turn.
 
     What is told of an effect may come from another fit than the one that counts, beside a torque that takes a part of it: there
@@ -181,9 +181,9 @@ def _common_effect(name: str, own: tuple[Candidate, ...], base: Common, axes: bo
     Raises:
         NotPossible: no common body comes near the records.
     """
-    fits, told = [c.likeliest for c in own], [c.best for c in own]
+    fits, told = [c.likeliest for c in candidates], [c.best for c in candidates]
     measured = any(follows_measured(t.effect) for f in fits for t in f.hypothesis.terms)
-    alone = all(c.told is None for c in own)
+    alone = all(c.told is None for c in candidates)
     counts = common_of([_apart(f) for f in fits] if measured else fits, axes)
     common = counts if alone else common_of(told, axes)
     differ = measured and alone
@@ -193,7 +193,7 @@ def _common_effect(name: str, own: tuple[Candidate, ...], base: Common, axes: bo
             if one.evidence > counts.evidence + criteria.DISAGREE:
                 counts, common, differ = one, one, False
     return CommonEffect(
-        name=name, evidence=counts.evidence - base.evidence, common=common, candidates=own, agreement=agreement(counts, fits),
+        name=name, evidence=counts.evidence - base.evidence, common=common, candidates=candidates, agreement=agreement(counts, fits),
         apart=tuple(own_numbers(told)) if differ else (),
     )  # fmt: skip
 
@@ -232,9 +232,9 @@ def _apart(fit: HypothesisFit) -> HypothesisFit:
     return replace(fit, hypothesis=replace(fit.hypothesis, terms=terms))
 
 
-def _candidate(own: Candidate | None, s: Selection, known: HypothesisFit) -> Candidate:
-    if own is not None:
-        return own
+def _candidate(candidate: Candidate | None, s: Selection, known: HypothesisFit) -> Candidate:
+    if candidate is not None:
+        return candidate
     # a wheel's rate is another one in every record
     wheels = tuple(Term(effect=m) for m in s.measured if has_known_rate(m))
     terms = tuple(t for t in known.hypothesis.terms if t.of_body and not has_known_rate(t.effect))

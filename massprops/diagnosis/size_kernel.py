@@ -77,8 +77,8 @@ def searched(
 
 @numba.njit(cache=True, error_model="numpy")
 def _factored(G: np.ndarray, at: np.ndarray, factor: np.ndarray, inverse: np.ndarray) -> bool:
-    """The Cholesky factor of the unknowns' precision over their prior's at sizes (k + 1,), and its inverse; False where there is
-    none."""
+    """The Cholesky factor (k, k) of the unknowns' precision over their prior's at sizes (k + 1,), and its inverse (k, k), from the
+    columns' inner products G (k, k); False where there is none."""
     k = len(G)
     over = at[k] ** -2
     for i in range(k):
@@ -104,7 +104,7 @@ def _factored(G: np.ndarray, at: np.ndarray, factor: np.ndarray, inverse: np.nda
 
 @numba.njit(cache=True, error_model="numpy")
 def _solved(inverse: np.ndarray, by: np.ndarray, at: np.ndarray, mean: np.ndarray) -> None:
-    """The likeliest unknowns into `mean` (k,)."""
+    """The likeliest unknowns into `mean` (k,); inverse: (k, k) as of `_factored`; by: (k,); at: (k + 1,) sizes and noise."""
     k = len(by)
     over, half = at[k] ** -2, np.zeros(k)
     for i in range(k):
@@ -119,7 +119,8 @@ def _solved(inverse: np.ndarray, by: np.ndarray, at: np.ndarray, mean: np.ndarra
 
 @numba.njit(cache=True, error_model="numpy")
 def _left(X: np.ndarray, y: np.ndarray, mean: np.ndarray, across: np.ndarray) -> float:
-    """Squared residuals about unknowns (k,), and the columns' inner products with them into `across` (k,)."""
+    """Squared residuals of y (r,) about unknowns mean (k,) of columns X (r, k), and the columns' inner products with them into `across`
+    (k,)."""
     square = 0.0
     across[:] = 0.0
     for i in range(len(y)):
@@ -134,7 +135,7 @@ def _left(X: np.ndarray, y: np.ndarray, mean: np.ndarray, across: np.ndarray) ->
 
 @numba.njit(cache=True, error_model="numpy")
 def _moved(second: np.ndarray, block: np.ndarray, moved: np.ndarray) -> None:
-    """Sizes into `moved`, of each block the root of its unknowns' mean second moment."""
+    """Sizes into `moved` (k or more,), of each block the root of its unknowns' mean second moment (k,); block: (k,) as of `searched`."""
     for number in range(block.max() + 1):
         total, count = 0.0, 0
         for i in range(len(block)):
@@ -149,7 +150,7 @@ def _moved(second: np.ndarray, block: np.ndarray, moved: np.ndarray) -> None:
 def sparse_moved(
     sd: np.ndarray, second: np.ndarray, fixed: np.ndarray, scale: float, degrees: float
 ) -> tuple[float, float]:
-    """Sizes (k,) of a sparse block, in place, to what the unknowns' second moments (k,) say, the first with scales `fixed` (own,) that
+    """Sizes sd (k,) of a sparse block, in place, to what the unknowns' second moments (k,) say, the first with scales `fixed` (own,) that
     stay.
 
     Returns:

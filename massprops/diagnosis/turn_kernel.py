@@ -41,7 +41,7 @@ def turned(
 
 @numba.njit(cache=True)
 def _one_plus(h: float, A: np.ndarray, u: np.ndarray, out: np.ndarray) -> None:
-    """1 + h (A - [u]x) into `out`."""
+    """1 + h (A - [u]x) into `out` (3, 3); A: (3, 3); u: (3,) [1/s]; h [s]."""
     for a in range(3):
         for b in range(3):
             out[a, b] = h * A[a, b]
@@ -56,7 +56,7 @@ def _one_plus(h: float, A: np.ndarray, u: np.ndarray, out: np.ndarray) -> None:
 
 @numba.njit(cache=True, error_model="numpy")
 def _inverse(M: np.ndarray, out: np.ndarray) -> None:
-    """The inverse of M (3, 3) into `out`, by cofactors."""
+    """The inverse of M (3, 3) into `out` (3, 3), by cofactors."""
     for a in range(3):
         p, q = (a + 1) % 3, (a + 2) % 3
         for b in range(3):

@@ -66,7 +66,7 @@ def torque_by_sun(record: Record, unknown: HypothesisFit) -> HypothesisFit | Non
     return max(fits, key=lambda f: f.evidence, default=None)
 
 
-def has_likelier_sun_torque(found: HypothesisFit, tried: int) -> bool:
+def has_likelier_sun_torque(fit: HypothesisFit, tried: int) -> bool:
     """Whether effects have a rival that names nothing of the Sun: a torque that depends on its direction in any way, in place of
     those that follow it and beside the others. A second effect may take what the first one cannot be.
 
@@ -77,18 +77,18 @@ def has_likelier_sun_torque(found: HypothesisFit, tried: int) -> bool:
     Args:
         tried: how many hypotheses the effects are the likeliest of.
     """
-    own = found.hypothesis
-    others = tuple(t for t in own.terms if SUN not in t.effect.NEEDS)
-    replaced = len(others) < len(own.terms)
-    alone = replaced and not (others or own.wheel)
-    if alone or (not replaced and found.record.stated and within_noise(found)):
+    hypothesis = fit.hypothesis
+    others = tuple(t for t in hypothesis.terms if SUN not in t.effect.NEEDS)
+    replaced = len(others) < len(hypothesis.terms)
+    alone = replaced and not (others or hypothesis.wheel)
+    if alone or (not replaced and fit.record.stated and within_noise(fit)):
         return False
     try:
-        rival = fit_hypothesis(found.record, replace(own, terms=others, by_sun=True), again(found))
+        rival = fit_hypothesis(fit.record, replace(hypothesis, terms=others, by_sun=True), again(fit))
     except NotPossible:
         return False
     lead = criteria.BEATS_UNKNOWN + np.log(1 + tried) if replaced else -criteria.BEATS_UNKNOWN
-    return bool(rival.verified > found.evidence - lead)
+    return bool(rival.verified > fit.evidence - lead)
 
 
 def with_memory(fit: HypothesisFit) -> HypothesisFit:

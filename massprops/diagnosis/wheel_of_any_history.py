@@ -71,14 +71,14 @@ def wheel_followed(record: Record, look: Candidate) -> Candidate:
     return Candidate(alone=alone, with_latent=with_latent)
 
 
-def _along_valley(found: HypothesisFit) -> HypothesisFit:
+def _along_valley(fit: HypothesisFit) -> HypothesisFit:
     """The likeliest of a fit of a wheel and of fits begun at other moments about its axis, along which the likelihood hardly changes:
     the wheel answers for that moment."""
-    best = found
+    best = fit
     for more in VALLEY:
         with suppress(NotPossible):
-            start = with_more_about_axis(again(found), found.rate, more)
-            other = fit_hypothesis(found.record, found.hypothesis, start)
+            start = with_more_about_axis(again(fit), fit.rate, more)
+            other = fit_hypothesis(fit.record, fit.hypothesis, start)
             best = other if other.verified > best.verified + SETTLED else best
     return best
 

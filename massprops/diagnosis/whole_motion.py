@@ -62,8 +62,8 @@ class _ActiveEffect:
     @property
     def here(self) -> np.ndarray:
         """(k,) half of what the effect is quadratic in (`momentum_here`), which its unknowns lack."""
-        own = self.term.here(len(self.x))
-        return np.zeros(len(self.x)) if own is None else own
+        bend = self.term.here(len(self.x))
+        return np.zeros(len(self.x)) if bend is None else bend
 
     def moved(self, d: np.ndarray) -> _ActiveEffect:
         """After a step d (k,)."""
@@ -87,11 +87,11 @@ class _ActiveEffect:
     def values(self) -> tuple[np.ndarray, np.ndarray]:
         """Parameters (j,) by `names`, and their derivatives (j, k) by the unknowns."""
         held, count = dict(self.term.held), len(self.x) - len(self.paces)
-        own, by = self.term.values_by_unknowns(self.x[:count])
+        values, by = self.term.values_by_unknowns(self.x[:count])
         paces = np.array([held[n] for n in self.paces])
-        slopes = np.zeros((len(own) + len(paces), len(self.x)))
-        slopes[: len(own), :count], slopes[len(own) :, count:] = by, np.diag(paces)
-        return np.concatenate([own, paces]), slopes
+        slopes = np.zeros((len(values) + len(paces), len(self.x)))
+        slopes[: len(values), :count], slopes[len(values) :, count:] = by, np.diag(paces)
+        return np.concatenate([values, paces]), slopes
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ class _Motion:
         """After a step d (all,) of everything."""
         start, shape = d[:START], d[START : START + INERTIA]
         q = normalise(multiply(self.q, from_rotation_vector(start[:3])))
-        active = tuple(a.moved(d[own]) for a, own in zip(self.active, self.places, strict=True))
+        active = tuple(a.moved(d[place]) for a, place in zip(self.active, self.places, strict=True))
         return _Motion(q, self.w + start[3:], self.shape + shape, active)
 
     @property
@@ -219,10 +219,12 @@ class _Point:
 def has_whole_motion(fit: HypothesisFit) -> bool:
     """Whether a fit's effects have equations of motion: no unknown torque, wheel of any history or push in parts; of attitudes alone
     whose errors are independent."""
-    own, rows = fit.hypothesis, fit.record.rows
-    unknown = own.wheel or own.latent or own.inertial or own.by_sun or own.memory > 0.0
-    plain = all(t.parts == 1 and not is_users(t.effect) for t in own.terms)
-    return bool(own.terms) and plain and not unknown and not rows.rates and rows.gyroscope is None
+    hypothesis, rows = fit.hypothesis, fit.record.rows
+    unknown = (
+        hypothesis.wheel or hypothesis.latent or hypothesis.inertial or hypothesis.by_sun or hypothesis.memory > 0.0
+    )
+    plain = all(t.parts == 1 and not is_users(t.effect) for t in hypothesis.terms)
+    return bool(hypothesis.terms) and plain and not unknown and not rows.rates and rows.gyroscope is None
 
 
 def by_whole_motion(fit: HypothesisFit) -> HypothesisFit:
@@ -287,18 +289,18 @@ def _side(problem: _Problem, best: _Point, held: int, sign: float) -> list[_Poin
     longest = LONGEST_STEP * best.sd[held]
     step = min(FIRST_STEP * float(np.sqrt(best.covariance()[held, held])), longest)
     for _ in range(MOST_POINTS):
-        own = _beside(problem, here, held, sign * step)
+        point = _beside(problem, here, held, sign * step)
         # a long step along a curved valley may have left it
-        if own is None or own.density(held) < highest - FALL:
+        if point is None or point.density(held) < highest - FALL:
             shorter = _beside(problem, here, held, 0.4 * sign * step)
-            own = shorter if shorter is not None else own
-        if own is None:
+            point = shorter if shorter is not None else point
+        if point is None:
             break
-        out.append(own)
-        density = own.density(held)
+        out.append(point)
+        density = point.density(held)
         if density < highest - FALL:
             break
-        here, highest, step = own, max(highest, density), min(GROWS * step, longest)
+        here, highest, step = point, max(highest, density), min(GROWS * step, longest)
     return out
 
 
@@ -306,8 +308,8 @@ def _beside(problem: _Problem, here: _Point, held: int, step: float) -> _Point |
     """The likeliest with an unknown moved by a step and held there; None where nothing can be there."""
     way = here.covariance()[:, held]
     try:
-        own = _likeliest(problem, here.at.moved(way * (step / way[held])), held)
-        return own if np.isfinite(own.density(held)) else None
+        point = _likeliest(problem, here.at.moved(way * (step / way[held])), held)
+        return point if np.isfinite(point.density(held)) else None
     except np.linalg.LinAlgError:
         return None
 
@@ -331,11 +333,11 @@ def _likeliest(problem: _Problem, at: _Motion, held: int | None = None) -> _Poin
             at=at, motion=motion, residual=residual, cost=cost, precision=H, sd=np.where(np.isfinite(sd), sd, 1.0),
             log_prior=problem.log_prior(at), open=problem.open(at),
         )  # fmt: skip
-        own, by = H[np.ix_(free, free)], downhill[free]
-        if 0.5 * float(by @ np.linalg.solve(own, by)) < RESTS:
+        curvature, by = H[np.ix_(free, free)], downhill[free]
+        if 0.5 * float(by @ np.linalg.solve(curvature, by)) < RESTS:
             break
         while damping < MOST:
-            step[free] = np.linalg.solve(own + damping * np.diag(np.diag(own)), by)
+            step[free] = np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), by)
             new = at.moved(step)
             new_motion, new_residual = problem.residual(new)
             new_cost = _cost(new_residual, problem.prior_residuals(new))

@@ -17,7 +17,7 @@ from numba.core import types as nt
 
 from massprops.dynamics import compiled, kernels
 from massprops.dynamics.environment import EnvironmentState
-from massprops.dynamics.kernels import INSIDE
+from massprops.dynamics.kernels import INNER, INSIDE, NODES, TOTAL
 from massprops.effects import catalogue
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ def _slope(
     environment_state: EnvironmentState,
     out: np.ndarray,
 ) -> None:
-    """`rotation.state_derivative` into `out`."""
+    """`rotation.state_derivative` of y (ny,) at t [s] into `out` (ny,); p: (k,) parameters; places: (n, 5) of each name's effects."""
     torques, inertias, internals, rates, moving = functions
     torque_at, inertia_at, internal_at, rate_at, moving_at = places
     hx, hy, hz = y[4], y[5], y[6]
@@ -140,8 +140,8 @@ def integrate(
         h = size[k]
         for stage in range(4):
             at = (stage + 1) // 2
-            t = start[k] + (INSIDE * h if stage == 0 else h - INSIDE * h if stage == 3 else 0.5 * h)
-            reach = 0.0 if stage == 0 else h if stage == 3 else 0.5 * h
+            reach = NODES[stage] * h
+            t = start[k] + (INSIDE * h if stage == 0 else h - INSIDE * h if stage == 3 else reach)
             for i in range(n):
                 z[i] = y[i] + reach * f[stage - 1, i] if stage else y[i]
             here = EnvironmentState(
@@ -152,7 +152,7 @@ def integrate(
             )
             _slope(t, z, six, p, functions, places, here, f[stage])
         for i in range(n):
-            y[i] += h / 6.0 * (f[0, i] + 2.0 * (f[1, i] + f[2, i]) + f[3, i])
+            y[i] += h / TOTAL * (f[0, i] + INNER * (f[1, i] + f[2, i]) + f[3, i])
             out[k + 1, i] = y[i]
     return out
 

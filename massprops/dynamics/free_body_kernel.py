@@ -6,6 +6,7 @@ import numba
 import numpy as np
 
 from massprops.dynamics.compiled import cross, quaternion_rate
+from massprops.dynamics.kernels import INNER, NODES, TOTAL
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -37,15 +38,16 @@ def propagated(
 
 @numba.njit(cache=True, error_model="numpy")
 def _step(y: np.ndarray, inertia: np.ndarray, inverse: np.ndarray, h: float, k: np.ndarray) -> None:
-    """Moves a state (7,) on by a step of Runge and Kutta's method, in place; k: (4, 7) room for its slopes."""
+    """Moves a state y (7,) on by a step h [s] of Runge and Kutta's method, in place; inertia, inverse: (3, 3); k: (4, 7) room for its
+    slopes."""
     z = np.empty(7)
     for stage in range(4):
-        reach = h if stage == 3 else 0.5 * h
+        reach = NODES[stage] * h
         for i in range(7):
             z[i] = y[i] + reach * k[stage - 1, i] if stage else y[i]
         _slope(z, inertia, inverse, k[stage])
     for i in range(7):
-        y[i] += h / 6.0 * (k[0, i] + 2.0 * k[1, i] + 2.0 * k[2, i] + k[3, i])
+        y[i] += h / TOTAL * (k[0, i] + INNER * k[1, i] + INNER * k[2, i] + k[3, i])
     size = np.sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2] + y[3] * y[3])
     for i in range(4):
         y[i] /= size
@@ -53,6 +55,7 @@ def _step(y: np.ndarray, inertia: np.ndarray, inverse: np.ndarray, h: float, k: 
 
 @numba.njit(cache=True, error_model="numpy")
 def _slope(y: np.ndarray, I: np.ndarray, inverse: np.ndarray, out: np.ndarray) -> None:
+    """Rates of y = (q 4, w 3 [rad/s]), (7,), into out (7,), of a free body of inertia I (3, 3) and its inverse (3, 3)."""
     wx, wy, wz = y[4], y[5], y[6]
     hx = I[0, 0] * wx + I[0, 1] * wy + I[0, 2] * wz
     hy = I[1, 0] * wx + I[1, 1] * wy + I[1, 2] * wz

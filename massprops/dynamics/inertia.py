@@ -37,13 +37,13 @@ def ratio_derivatives(moments: np.ndarray, axes: np.ndarray, changes: np.ndarray
     Args:
         moments: (..., 3) in any order; axes: (..., 3, 3) their columns, right-handed; changes: (..., p, 3, 3), body axes.
     """
-    own = np.einsum("...ai,...pab,...bj->...pij", axes, changes, axes, optimize=True)
-    log = np.einsum("...pii->...ip", own) / moments[..., None]
+    along_axes = np.einsum("...ai,...pab,...bj->...pij", axes, changes, axes, optimize=True)
+    log = np.einsum("...pii->...ip", along_axes) / moments[..., None]
     turns = []
     for i, j in ((1, 2), (2, 0), (0, 1)):
         gap = moments[..., i] - moments[..., j]
         gap = np.copysign(np.maximum(np.abs(gap), SMALLEST_GAP * np.sum(moments, axis=-1)), gap)
-        turns.append(own[..., i, j] / gap[..., None])
+        turns.append(along_axes[..., i, j] / gap[..., None])
     return np.stack([log[..., 0, :] - log[..., 1, :], log[..., 1, :] - log[..., 2, :]], axis=-2), np.stack(
         turns, axis=-2
     )

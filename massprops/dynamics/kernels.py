@@ -20,6 +20,12 @@ TINY = 1e-300
 INSIDE = 1e-7
 """Stages at the ends of a step lie this share of it inside, so that an event at a step's end acts in one step only."""
 
+NODES = (0.0, 0.5, 0.5, 1.0)
+"""Runge and Kutta's method of fourth order: the share of a step after which each of its four slopes is taken, at the state to
+which the slope before leads in that time."""
+INNER, TOTAL = 2.0, 6.0
+"""Its weights: of the second and the third slope, where the first and the last have one, and the sum of all four."""
+
 
 def quaternion_rate(qw: N, qx: N, qy: N, qz: N, wx: N, wy: N, wz: N) -> tuple[N, N, N, N]:
     """q_dot = q (0, w) / 2 for Hamilton quaternions, w in body axes [rad/s]."""

@@ -18,7 +18,7 @@ import numpy as np
 from massprops.core.linalg import consecutive
 from massprops.dynamics.environment import EnvironmentModel, EnvironmentState
 from massprops.dynamics.events import acts_at_once, struck
-from massprops.dynamics.kernels import INSIDE, cross, quaternion_rate, symmetric_solve, symmetric_times
+from massprops.dynamics.kernels import INSIDE, NODES, cross, quaternion_rate, symmetric_solve, symmetric_times
 from massprops.dynamics.runge_kutta import record
 from massprops.effects import is_users, places_of
 
@@ -60,8 +60,8 @@ class ActiveEffects:
         """By function's name: (function, place of its parameters, place of its states within y) of those that have it."""
         return {
             name: [
-                (getattr(e, name), place, slice(7 + own.start, 7 + own.stop))
-                for e, place, own in self
+                (getattr(e, name), place, slice(7 + extra.start, 7 + extra.stop))
+                for e, place, extra in self
                 if hasattr(e, name)
             ]
             for name in ("torque", "inertia", "internal", "internal_rate", "moving_inertia")
@@ -79,10 +79,10 @@ def angular_velocity(t: Any, y: Any, six: Any, active: ActiveEffects, p: Sequenc
     hooks = active.hooks
     for inertia, place, _ in hooks["inertia"]:
         six = inertia(t, six, p[place])
-    for moving, place, own in hooks["moving_inertia"]:
-        six = moving(six, y[own], p[place])
-    for internal, place, own in hooks["internal"]:
-        ax, ay, az = internal(t, y[own], p[place])
+    for moving, place, extra in hooks["moving_inertia"]:
+        six = moving(six, y[extra], p[place])
+    for internal, place, extra in hooks["internal"]:
+        ax, ay, az = internal(t, y[extra], p[place])
         hx, hy, hz = hx - ax, hy - ay, hz - az
     a, b, c, d, e, f = six
     return symmetric_solve(a, b, c, d, e, f, hx, hy, hz)
@@ -103,8 +103,8 @@ def state_derivative(
         ax, ay, az = torque(t, y[0:4], w, p[place], six, environment)
         tx, ty, tz = tx + ax, ty + ay, tz + az
     out = [*quaternion_rate(y[0], y[1], y[2], y[3], *w), tx, ty, tz]
-    for rate, place, own in hooks["internal_rate"]:
-        out.extend(rate(t, w, y[own], p[place]))
+    for rate, place, extra in hooks["internal_rate"]:
+        out.extend(rate(t, w, y[extra], p[place]))
     return out
 
 
@@ -183,14 +183,14 @@ def steps_through(times: np.ndarray, speed: float, active: ActiveEffects, p: np.
 def event_times(active: ActiveEffects, p: Any) -> list[tuple[float, int | None]]:
     """(time, effect's place in the list) of the moments of effects, and without a place of the corners of what they
     do."""
-    found: list[tuple[Any, int | None]] = []
+    times: list[tuple[Any, int | None]] = []
     for k, (effect, place, _) in enumerate(active):
         begins = [p[place][i] for i in places_of(effect, "time")]
         lasts = [p[place][i] for i in places_of(effect, "duration")]
-        found += [(t, k) for t in begins] + [(t + d, k) for t in begins for d in lasts if np.real(d) > 0]
+        times += [(t, k) for t in begins] + [(t + d, k) for t in begins for d in lasts if np.real(d) > 0]
         if hasattr(effect, "corners"):
-            found += [(t, None) for t in effect.corners(p[place])]
-    return [(float(np.real(t)), k) for t, k in found]
+            times += [(t, None) for t in effect.corners(p[place])]
+    return [(float(np.real(t)), k) for t, k in times]
 
 
 @dataclass(frozen=True)
@@ -265,7 +265,8 @@ def _integrated_plainly(
     environment: EnvironmentModel,
 ) -> np.ndarray:
     """`integrate` uncompiled: for no effects, or for one that is no file of the catalogue, made for one record."""
-    times = (start[:, None] + np.stack([INSIDE * size, 0.5 * size, 0.5 * size, size - INSIDE * size], axis=1)).tolist()
+    into = np.stack([INSIDE * size, NODES[1] * size, NODES[2] * size, size - INSIDE * size], axis=1)
+    times = (start[:, None] + into).tolist()
 
     still = None if active.orbiting or environment.dipole is not None else environment.state(0.0, False)
 

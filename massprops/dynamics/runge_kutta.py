@@ -7,14 +7,17 @@ from typing import Any
 
 import numpy as np
 
+from massprops.dynamics.kernels import INNER, NODES, TOTAL
+
 
 def step(slope: Callable[[float, np.ndarray], np.ndarray], t: float, y: np.ndarray, h: float) -> np.ndarray:
     """The state y (...) a time h after t, where its derivative is slope(t, y)."""
+    _, c2, c3, c4 = NODES
     k1 = slope(t, y)
-    k2 = slope(t + h / 2, y + h / 2 * k1)
-    k3 = slope(t + h / 2, y + h / 2 * k2)
-    k4 = slope(t + h, y + h * k3)
-    return np.asarray(y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4))
+    k2 = slope(t + c2 * h, y + c2 * h * k1)
+    k3 = slope(t + c3 * h, y + c3 * h * k2)
+    k4 = slope(t + c4 * h, y + c4 * h * k3)
+    return np.asarray(y + h / TOTAL * (k1 + INNER * k2 + INNER * k3 + k4))
 
 
 def record(
@@ -29,11 +32,12 @@ def record(
     y, states, stages = y0, [y0], list[list[Any]]()
     for k, h in enumerate(size.tolist()):
         slopes: list[list[Any]] = []
-        for stage, reach in enumerate((0.0, 0.5 * h, 0.5 * h, h)):
+        for stage, node in enumerate(NODES):
+            reach = node * h
             z = [a + reach * b for a, b in zip(y, slopes[-1], strict=True)] if slopes else y
             stages.append(z)
             slopes.append(slope(k, stage, z))
-        y = [a + h / 6.0 * (b + 2.0 * (c + d) + e) for a, b, c, d, e in zip(y, *slopes, strict=True)]
+        y = [a + h / TOTAL * (b + INNER * (c + d) + e) for a, b, c, d, e in zip(y, *slopes, strict=True)]
         states.append(y)
     return np.array(states), np.array(stages, float).reshape(len(size), 4, len(y0))
 
@@ -52,7 +56,7 @@ def transition(F: np.ndarray, h: np.ndarray) -> np.ndarray:
         return out
 
     k1 = F[:, 0]
-    k2 = carried(1, eye + 0.5 * h * k1)
-    k3 = carried(2, eye + 0.5 * h * k2)
-    k4 = carried(3, eye + h * k3)
-    return np.asarray(eye + h / 6.0 * (k1 + 2 * (k2 + k3) + k4))
+    k2 = carried(1, eye + NODES[1] * h * k1)
+    k3 = carried(2, eye + NODES[2] * h * k2)
+    k4 = carried(3, eye + NODES[3] * h * k3)
+    return np.asarray(eye + h / TOTAL * (k1 + INNER * (k2 + k3) + k4))

@@ -140,15 +140,15 @@ def _slopes_of_slopes(
     F = np.zeros((*t.shape, ny, ny + 6 + d + len(p)))
 
     def changed(y: list[Any], six: list[Any], p: list[Any]) -> np.ndarray:
-        found = state_derivative(t, y, six, active, p, environment_state)
-        return np.stack(np.broadcast_arrays(*(np.imag(value) for value in found)), axis=-1) / STEP
+        moved_rates = state_derivative(t, y, six, active, p, environment_state)
+        return np.stack(np.broadcast_arrays(*(np.imag(value) for value in moved_rates)), axis=-1) / STEP
 
     # the state and the inertia in one go, a step of each along a first axis: as many calls would take several times as long
     apart = np.zeros((ny + 6, ny + d, 1, 1))
     apart[:ny, :ny, 0, 0], apart[ny:, ny:, 0, 0] = np.eye(ny), moves.T
     every = [v + 1j * STEP * way for v, way in zip([*stage, *flat_six], apart, strict=True)]
-    found = np.moveaxis(changed(every[:ny], every[ny:], p), 0, -1)
-    F[..., :ny], F[..., ny + 6 : ny + 6 + d] = found[..., :ny], found[..., ny:]
+    by_change = np.moveaxis(changed(every[:ny], every[ny:], p), 0, -1)
+    F[..., :ny], F[..., ny + 6 : ny + 6 + d] = by_change[..., :ny], by_change[..., ny:]
     for j in sorted(_of_effects(active, tuple(active.hooks)) - _fixed(active)):
         F[..., ny + 6 + d + j] = changed(stage, flat_six, stepped(p, j))
     return F
@@ -198,9 +198,9 @@ def _across(
     """Derivatives just after what happens at once before a step, from those just before."""
     effect, place = active.effects[number], active.places[number]
     before = path.before[step]
-    by_state, own = struck_jacobian(before, effect, p[place])
+    by_state, by_parameters = struck_jacobian(before, effect, p[place])
     moments = places_of(effect, "time")
-    own[:, moments] = 0.0
+    by_parameters[:, moments] = 0.0
     t0, inside = path.steps.start[step], INSIDE * path.steps.size[step]
 
     def way(t: float, y: Sequence[Any]) -> np.ndarray:
@@ -208,7 +208,7 @@ def _across(
 
     leaves, begins = way(float(t0 - inside), before), way(float(t0 + inside), path.y[step])
     S = by_state @ S
-    S[:, 6 + d + place.start : 6 + d + place.stop] += own
+    S[:, 6 + d + place.start : 6 + d + place.stop] += by_parameters
     for i in moments:
         # an event that lasts has an end, which moves with its time
         S[:, 6 + d + place.start + i] += by_state @ leaves - begins
@@ -257,9 +257,9 @@ def _outputs(
     apart = np.zeros((ny + 6, ny + d, 1))
     apart[:ny, :ny, 0], apart[ny:, ny:, 0] = np.eye(ny), moves.T
     every = [v + 1j * STEP * way for v, way in zip([*y, *six], apart, strict=True)]
-    found = np.moveaxis(changed(every[:ny], every[ny:], p), 0, -1)
-    rate = found[..., :ny] @ S
-    rate[..., 6 : 6 + d] += found[..., ny:]
+    by_change = np.moveaxis(changed(every[:ny], every[ny:], p), 0, -1)
+    rate = by_change[..., :ny] @ S
+    rate[..., 6 : 6 + d] += by_change[..., ny:]
     for j in sorted(_of_effects(active, ("inertia", "internal", "moving_inertia")) - fixed):
         rate[..., 6 + d + j] += changed(y, list(six), stepped(p, j))
     return turn, rate

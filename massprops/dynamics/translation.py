@@ -49,10 +49,10 @@ def path(
     for effect, place, _ in active:
         if not hasattr(effect, "displacement"):
             continue
-        own = [float(x) for x in p[place]]
-        r = r + in_rows(effect.displacement(times, own), n)
+        values = [float(x) for x in p[place]]
+        r = r + in_rows(effect.displacement(times, values), n)
         # the velocity that goes with a displacement is its time derivative
-        v = v + np.imag(in_rows(effect.displacement(times + 1j * STEP, own), n)) / STEP
+        v = v + np.imag(in_rows(effect.displacement(times + 1j * STEP, values), n)) / STEP
         for k, by_value in enumerate(derivatives(effect.displacement, times, p[place])):
             dr[:, :, 6 + place.start + k] = by_value
     return r, v, dr, dv

@@ -36,33 +36,33 @@ def document(outcome: Outcome, source: str = "") -> dict[str, Any]:
     }
 
 
-def entry(found: Estimate, cpu_seconds: float | None = None) -> dict[str, Any]:
+def entry(estimate: Estimate, cpu_seconds: float | None = None) -> dict[str, Any]:
     """One estimator's result as plain numbers."""
     rate = None
-    if found.w is not None and len(found.w) and np.isfinite(found.w[-1]).all():
-        last = None if found.sigma_w is None else found.sigma_w[-1]
-        rate = {"w_rad_s": found.w[-1], "sigma_rad_s": last, "speed_rad_s": float(np.linalg.norm(found.w[-1]))}
+    if estimate.w is not None and len(estimate.w) and np.isfinite(estimate.w[-1]).all():
+        last = None if estimate.sigma_w is None else estimate.sigma_w[-1]
+        rate = {"w_rad_s": estimate.w[-1], "sigma_rad_s": last, "speed_rad_s": float(np.linalg.norm(estimate.w[-1]))}
     return {
-        "name": found.name,
-        "converged": bool(found.converged),
-        "observable": bool(found.observable),
-        "reliable": bool(found.reliable),
-        "because": found.because,
-        "reason": found.reason,
-        **found.ratios(),
-        "inertia": found.inertia,
-        "principal_axes": found.principal_axes,
-        "axes_covariance_rad2": found.axes_covariance,
-        "body_frame": found.body_frame,
+        "name": estimate.name,
+        "converged": bool(estimate.converged),
+        "observable": bool(estimate.observable),
+        "reliable": bool(estimate.reliable),
+        "because": estimate.because,
+        "reason": estimate.reason,
+        **estimate.ratios(),
+        "inertia": estimate.inertia,
+        "principal_axes": estimate.principal_axes,
+        "axes_covariance_rad2": estimate.axes_covariance,
+        "body_frame": estimate.body_frame,
         "rate": rate,
-        "innovation": found.innovation,
-        "gated": int(found.gated),
-        "used": int(found.used),
-        "features": None if found.features is None else len(found.features),
-        "cpu_us_per_step": found.cpu_us_per_step,
+        "innovation": estimate.innovation,
+        "gated": int(estimate.gated),
+        "used": int(estimate.used),
+        "features": None if estimate.features is None else len(estimate.features),
+        "cpu_us_per_step": estimate.cpu_us_per_step,
         "cpu_seconds": cpu_seconds,
-        "history": f"{found.name}.csv" if len(found.times) else None,
-        "warnings": list(found.warnings),
+        "history": f"{estimate.name}.csv" if len(estimate.times) else None,
+        "warnings": list(estimate.warnings),
     }
 
 
@@ -80,13 +80,13 @@ COLUMNS = (
 )
 
 
-def history_csv(found: Estimate, problem: Problem) -> str:
+def history_csv(estimate: Estimate, problem: Problem) -> str:
     """The state history, one row an epoch; columns that the estimator does not give are left out."""
-    n = len(found.times)
-    stamps = problem.stamps(found.times)
+    n = len(estimate.times)
+    stamps = problem.stamps(estimate.times)
     header, parts = ["#timestamp [ns]"], []
     for name, title in COLUMNS:
-        values = getattr(found, name)
+        values = getattr(estimate, name)
         width = title.count(",") + 1
         if values is not None and np.shape(values) == (n, width):
             header.append(title)

@@ -32,7 +32,8 @@ def free_turn(y: np.ndarray, I: np.ndarray, time: float, largest_turn: float) ->
 
 
 def free_path(y0: np.ndarray, I: np.ndarray, times: np.ndarray, largest_turn: float) -> np.ndarray:
-    """States (n, 7) at times (n,) from y0 (7,) at the first: attitude, then rates in body axes."""
+    """States (n, 7) at times (n,) [s] from y0 (7,) at the first: attitude, then rates in body axes [rad/s]; I (6,) and largest_turn as
+    of `free_turn`."""
     out, y = np.empty((times.shape[0], 7)), np.empty(7)
     for i in range(7):
         out[0, i] = y[i] = y0[i]
@@ -44,8 +45,8 @@ def free_path(y0: np.ndarray, I: np.ndarray, times: np.ndarray, largest_turn: fl
 
 
 def free_windows(tau: np.ndarray, w: np.ndarray, I: np.ndarray, largest_turn: float) -> np.ndarray:
-    """Attitudes (r, L, 4) at times tau (r, L) [s], which ascend through zero, of bodies that have the rates w (r, 3) and
-    no turn at time zero; I and largest_turn as of the others."""
+    """Attitudes (r, L, 4) at times tau (r, L) [s], which ascend through zero, of bodies that have the rates w (r, 3) [rad/s] and
+    no turn at time zero; I (6,) and largest_turn as of `free_turn`."""
     r, L = tau.shape
     out, y = np.empty((r, L, 4)), np.empty(7)
     for row in range(r):

@@ -45,91 +45,91 @@ GIVEN_UP = 0.1
 linearisation move an estimate that learns nothing more."""
 
 
-def judged(found: Estimate, problem: Problem) -> Estimate:
+def judged(estimate: Estimate, problem: Problem) -> Estimate:
     """The estimate with `converged`, `observable` and `reliable` as far as they hold, and why not.
 
     Args:
-        found: of one method, with its own word on whether it converged and the motion shows the ratios.
+        estimate: of one method, with its own word on whether it converged and the motion shows the ratios.
         problem: what it was given.
     """
-    found = _possible(found)
-    if not found.observable:
-        return replace(without_ratios(found), reliable=False, because=found.reason)
-    if not found.converged:
-        return replace(found, reliable=False, because=found.reason)
-    because = _size(found, problem) or _halves(found)
-    return replace(found, reliable=not because, because=because)
+    estimate = _possible(estimate)
+    if not estimate.observable:
+        return replace(without_ratios(estimate), reliable=False, because=estimate.reason)
+    if not estimate.converged:
+        return replace(estimate, reliable=False, because=estimate.reason)
+    because = _size(estimate, problem) or _halves(estimate)
+    return replace(estimate, reliable=not because, because=because)
 
 
-def without_ratios(found: Estimate) -> Estimate:
+def without_ratios(estimate: Estimate) -> Estimate:
     """The estimate of a motion that does not show the ratios."""
-    return replace(found, k1=None, k2=None, k_covariance=None, principal_axes=None, axes_covariance=None)
+    return replace(estimate, k1=None, k2=None, k_covariance=None, principal_axes=None, axes_covariance=None)
 
 
-def against(found: Estimate, reference: Estimate) -> Estimate:
+def against(estimate: Estimate, reference: Estimate) -> Estimate:
     """The estimate, unreliable where it contradicts a reliable reference (the smoother, on the same data)."""
     from scipy.special import chdtrc  # scipy.stats takes a second to load
 
-    if not (found.reliable and reference.reliable) or found.k_covariance is None:
-        return found
-    assert found.k1 is not None and found.k2 is not None and reference.k1 is not None and reference.k2 is not None
-    apart = np.array([found.k1 - reference.k1, found.k2 - reference.k2])
-    square = float(apart @ np.linalg.pinv(found.k_covariance, hermitian=True) @ apart)
+    if not (estimate.reliable and reference.reliable) or estimate.k_covariance is None:
+        return estimate
+    assert estimate.k1 is not None and estimate.k2 is not None and reference.k1 is not None and reference.k2 is not None
+    apart = np.array([estimate.k1 - reference.k1, estimate.k2 - reference.k2])
+    square = float(apart @ np.linalg.pinv(estimate.k_covariance, hermitian=True) @ apart)
     if chdtrc(2, square) >= UNLIKELY:
-        return found
+        return estimate
     because = (
         f"its ratios lie {np.sqrt(square):.1f} of its own sigmas from those of {reference.name}, which reads all "
         "measurements at once: its sigmas are too small"
     )
-    return replace(found, reliable=False, because=because)
+    return replace(estimate, reliable=False, because=because)
 
 
-def _possible(found: Estimate) -> Estimate:
+def _possible(estimate: Estimate) -> Estimate:
     """Neither converged nor observable where the numbers are not finite or no body's."""
-    values = [found.k1, found.k2, found.inertia, found.k_covariance, found.w, found.q]
-    if found.observable and (found.k1 is None or found.k2 is None):
-        return _refused(found, "it gives no ratios")
+    values = [estimate.k1, estimate.k2, estimate.inertia, estimate.k_covariance, estimate.w, estimate.q]
+    if estimate.observable and (estimate.k1 is None or estimate.k2 is None):
+        return _refused(estimate, "it gives no ratios")
     if not all(np.isfinite(np.asarray(v, float)).all() for v in values if v is not None):
-        return _refused(found, "its result is not finite")
-    if found.k_covariance is not None and np.diag(found.k_covariance).min() < 0:
-        return _refused(found, "its covariance has negative variances")
-    if not found.observable:
-        return found
-    assert found.k1 is not None and found.k2 is not None
-    if max(abs(found.k1), abs(found.k2)) > FARTHEST:
+        return _refused(estimate, "its result is not finite")
+    if estimate.k_covariance is not None and np.diag(estimate.k_covariance).min() < 0:
+        return _refused(estimate, "its covariance has negative variances")
+    if not estimate.observable:
+        return estimate
+    assert estimate.k1 is not None and estimate.k2 is not None
+    if max(abs(estimate.k1), abs(estimate.k2)) > FARTHEST:
         return _refused(
-            found, f"the ratios ran away (k1 {found.k1:.1f}, k2 {found.k2:.1f}): the motion hardly shows them"
+            estimate, f"the ratios ran away (k1 {estimate.k1:.1f}, k2 {estimate.k2:.1f}): the motion hardly shows them"
         )
-    if found.inertia is not None:
-        if not is_physical(np.linalg.eigvalsh(found.inertia), 1e-6):
-            return _refused(found, "its inertia breaks the triangle inequality")
-        if found.principal_axes is None:
-            found = replace(found, principal_axes=ratios(found.inertia)[1])
-    return found
+    if estimate.inertia is not None:
+        if not is_physical(np.linalg.eigvalsh(estimate.inertia), 1e-6):
+            return _refused(estimate, "its inertia breaks the triangle inequality")
+        if estimate.principal_axes is None:
+            estimate = replace(estimate, principal_axes=ratios(estimate.inertia)[1])
+    return estimate
 
 
-def _refused(found: Estimate, why: str) -> Estimate:
+def _refused(estimate: Estimate, why: str) -> Estimate:
     """An estimate whose numbers mean nothing."""
-    reason = found.reason if found.reason and not found.converged else why
-    return replace(found, converged=False, observable=False, reason=reason)
+    reason = estimate.reason if estimate.reason and not estimate.converged else why
+    return replace(estimate, converged=False, observable=False, reason=reason)
 
 
-def _size(found: Estimate, problem: Problem) -> str:
+def _size(estimate: Estimate, problem: Problem) -> str:
     """Why the innovations contradict their covariance; empty when they do not."""
-    if found.innovation is None:
+    if estimate.innovation is None:
         return ""
     memory = 1.0
-    series = found.residuals if found.residuals is not None else corrections(found, problem)
-    if series is not None and not found.memory_counted:
+    series = estimate.residuals if estimate.residuals is not None else corrections(estimate, problem)
+    if series is not None and not estimate.memory_counted:
         memory = memory_of(series)
-    if found.innovation * memory <= LARGEST_SQUARE:
+    if estimate.innovation * memory <= LARGEST_SQUARE:
         return ""
-    size = f"{np.sqrt(found.innovation):.2g} times as large as the stated noise allows"
+    size = f"{np.sqrt(estimate.innovation):.2g} times as large as the stated noise allows"
     if memory == 1.0:
         return f"the innovations are {size}: {INCOMPLETE}"
     return (
         f"the innovations are {size} and are correlated over {memory:.0f} epochs, so the sigmas are about "
-        f"{np.sqrt(found.innovation * memory):.1f} times too small: {INCOMPLETE}"
+        f"{np.sqrt(estimate.innovation * memory):.1f} times too small: {INCOMPLETE}"
     )
 
 
@@ -156,23 +156,23 @@ def memory_of(series: np.ndarray) -> float:
     return memory
 
 
-def corrections(found: Estimate, problem: Problem) -> np.ndarray | None:
+def corrections(estimate: Estimate, problem: Problem) -> np.ndarray | None:
     """(n, 6) what each epoch's measurements changed of a filter's attitude and rate, over the root mean square of each.
 
     The second half of the record alone: before, a filter's gain falls from epoch to epoch. None for methods without a
     history of the ratios.
     """
-    if found.k_history is None or found.q is None or found.w is None or found.principal_axes is None:
+    if estimate.k_history is None or estimate.q is None or estimate.w is None or estimate.principal_axes is None:
         return None
-    rows = np.arange(len(found.times) // 2, len(found.times))
-    step = np.diff(found.times[rows])
+    rows = np.arange(len(estimate.times) // 2, len(estimate.times))
+    step = np.diff(estimate.times[rows])
     if len(rows) < FEWEST or not (step > 0).all():
         return None
-    at = np.clip(np.searchsorted(problem.times, found.times[rows] - 1e-9), 0, len(problem.times) - 1)
-    q = multiply(chaser_path(problem.environment, problem.times).q[at], found.q[rows])
-    w, k = found.w[rows], found.k_history[rows]
+    at = np.clip(np.searchsorted(problem.times, estimate.times[rows] - 1e-9), 0, len(problem.times) - 1)
+    q = multiply(chaser_path(problem.environment, problem.times).q[at], estimate.q[rows])
+    w, k = estimate.w[rows], estimate.k_history[rows]
     moments = np.exp(np.stack([k[:, 0], 0.0 * k[:, 0], -k[:, 1]], axis=1))
-    axes = found.principal_axes
+    axes = estimate.principal_axes
     inertia = (axes * moments[:, None, :]) @ axes.T
     # free motion scales: a step of one with the rates times the step's length
     carried, rate = propagate(q[:-1], w[:-1] * step[:, None], inertia[:-1], np.array([0.0, 1.0]))
@@ -183,15 +183,15 @@ def corrections(found: Estimate, problem: Problem) -> np.ndarray | None:
     return out / np.where(scale > 0, scale, 1.0) if np.isfinite(out).all() else None
 
 
-def _halves(found: Estimate) -> str:
+def _halves(estimate: Estimate) -> str:
     """Why parts of the record contradict each other; empty when they do not."""
     from scipy.special import chdtrc  # scipy.stats takes a second to load
 
-    if found.halves is not None:
-        (a, A), (b, B) = found.halves
+    if estimate.halves is not None:
+        (a, A), (b, B) = estimate.halves
         apart, spread, what = a - b, A + B, "the two halves of the record give different inertias"
-    elif found.k_history is not None and found.k_sigma_history is not None and len(found.k_history) >= FEWEST:
-        k, sigma = found.k_history, found.k_sigma_history
+    elif estimate.k_history is not None and estimate.k_sigma_history is not None and len(estimate.k_history) >= FEWEST:
+        k, sigma = estimate.k_history, estimate.k_sigma_history
         middle = len(k) // 2
         apart, before = k[-1] - k[middle], sigma[middle] ** 2
         spread = np.diag(np.maximum(before - sigma[-1] ** 2, GIVEN_UP * before))

@@ -57,6 +57,6 @@ def model_of_wheel(wheel: ModuleType, problem: Problem, start: Start) -> Model:
     return Model((wheel,), (3.0 * x[:-3],), inertia, w[0])
 
 
-def without_wheel(found: Estimate) -> Estimate:
+def without_wheel(estimate: Estimate) -> Estimate:
     """An estimate by a method that leaves the wheel out: not reliable."""
-    return replace(found, reliable=False, because=found.because or LEFT_OUT)
+    return replace(estimate, reliable=False, because=estimate.because or LEFT_OUT)

@@ -30,22 +30,22 @@ class Judgement:
     axes_covariance: np.ndarray
 
 
-def judge(found: Momentum) -> Judgement:
+def judge(momentum: Momentum) -> Judgement:
     """Three questions, in order.
 
     Do the rates change direction in the body by more than their noise does? (The information without the noise's
     share, against how much that share scatters.) Do the ratios follow from it closely enough to have learnt
     something? Are the three moments told apart, without which there are no principal axes?
     """
-    moments = np.linalg.eigvalsh(found.inertia)
-    k_covariance, axes_covariance, gaps = ratio_covariance(found.inertia, found.covariance)
+    moments = np.linalg.eigvalsh(momentum.inertia)
+    k_covariance, axes_covariance, gaps = ratio_covariance(momentum.inertia, momentum.covariance)
     sigma = np.sqrt(np.maximum(np.diag(k_covariance), 0.0))
 
     def say(observable: bool, reason: str = "") -> Judgement:
         return Judgement(observable, reason, k_covariance, axes_covariance)
 
-    count = max(int(found.used.sum()) / max(found.correlation, 1), 1.0)
-    strength = float(_relative(found.information, found.noise_share).min())
+    count = max(int(momentum.used.sum()) / max(momentum.correlation, 1), 1.0)
+    strength = float(_relative(momentum.information, momentum.noise_share).min())
     if strength < SIGNIFICANT * np.sqrt(2.0 / count):
         return say(
             False,

@@ -237,11 +237,16 @@ def into_frame(given: FilterPrior, start: Start, reference: Estimate | None, pro
     prior = given.prior
     if getattr(start, "body_frame", "own") == "attitude0" and _same_footage(given, problem):
         return replace(prior if given.metric else _in_metres(prior, start, problem), attitude=True), "attitude0"
-    found = _common(prior, problem, getattr(start, "features", None))
-    if found is None and reference is not None and reference.features is not None and reference.feature_ids is not None:
-        found = _common(prior, replace(problem, features=reference.feature_ids), reference.features)
-    if found is not None:
-        scale, R = found
+    common = _common(prior, problem, getattr(start, "features", None))
+    if (
+        common is None
+        and reference is not None
+        and reference.features is not None
+        and reference.feature_ids is not None
+    ):
+        common = _common(prior, replace(problem, features=reference.feature_ids), reference.features)
+    if common is not None:
+        scale, R = common
         turned = None if prior.inertia is None else R @ prior.inertia @ R.T
         points = None if prior.features is None else scale * prior.features @ R.T
         sigma = None if prior.feature_sigma is None else scale * prior.feature_sigma
@@ -270,11 +275,11 @@ def _same_footage(given: FilterPrior, problem: Problem) -> bool:
 
 def _in_metres(prior: Prior, start: Start, problem: Problem) -> Prior:
     """Features in model units, in the scale of the start; left out where that cannot be told."""
-    found = _common(prior, problem, getattr(start, "features", None))
-    if found is None or prior.features is None:
+    common = _common(prior, problem, getattr(start, "features", None))
+    if common is None or prior.features is None:
         return replace(prior, features=None, feature_ids=None, feature_sigma=None)
-    sigma = None if prior.feature_sigma is None else found[0] * prior.feature_sigma
-    return replace(prior, features=found[0] * prior.features, feature_sigma=sigma)
+    sigma = None if prior.feature_sigma is None else common[0] * prior.feature_sigma
+    return replace(prior, features=common[0] * prior.features, feature_sigma=sigma)
 
 
 def _common(prior: Prior, problem: Problem, features: np.ndarray | None) -> tuple[float, np.ndarray] | None:

@@ -165,6 +165,6 @@ def _joined(laws: list[Law]) -> tuple[np.ndarray, np.ndarray, float]:
 
     weights = [np.linalg.inv(covariance) for _, covariance in laws]
     covariance = np.linalg.inv(np.sum(weights, axis=0))
-    x = covariance @ np.sum([w @ own for w, (own, _) in zip(weights, laws, strict=True)], axis=0)
-    square = sum(float((own - x) @ w @ (own - x)) for w, (own, _) in zip(weights, laws, strict=True))
+    x = covariance @ np.sum([w @ mean for w, (mean, _) in zip(weights, laws, strict=True)], axis=0)
+    square = sum(float((mean - x) @ w @ (mean - x)) for w, (mean, _) in zip(weights, laws, strict=True))
     return x, covariance, float(chdtrc(len(x) * (len(laws) - 1), square))

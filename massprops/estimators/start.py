@@ -131,9 +131,9 @@ def _from_stereo(problem: Problem, early: np.ndarray) -> Start | None:
     used = motion.used
     rows, times = rows[used], problem.times[rows[used]]
     q, origin = motion.q[used], motion.origin[used]
-    fit, w, found = _inertia(problem, times, q, motion.covariance[used][:, :3, :3], motion.shared[used])
+    fit, w, momentum = _inertia(problem, times, q, motion.covariance[used][:, :3, :3], motion.shared[used])
     offset, position, velocity = centre.centre_of_mass(times, q, origin, motion.covariance[used][:, 3:, 3:])
-    start = _of_fit(times, rows, fit, w, found, warnings)
+    start = _of_fit(times, rows, fit, w, momentum, warnings)
     return replace(
         start,
         position=position,
@@ -152,7 +152,7 @@ def _from_attitude(problem: Problem, early: np.ndarray) -> Start:
     stated = bool((np.isfinite(sigma) & (sigma > 0)).any())
     sigma = np.where(np.isfinite(sigma) & (sigma > 0), sigma, np.nanmedian(np.where(sigma > 0, sigma, np.nan)))
     sigma = np.where(np.isfinite(sigma), sigma, 1e-3)
-    fit, w, found = _inertia(problem, times, q, sigma[:, None, None] ** 2 * np.eye(3), None)
+    fit, w, momentum = _inertia(problem, times, q, sigma[:, None, None] ** 2 * np.eye(3), None)
     position = velocity = features = None
     scaled, warnings = True, []
     if problem.stereo:
@@ -171,7 +171,7 @@ def _from_attitude(problem: Problem, early: np.ndarray) -> Start:
                     "one camera without ranges (range0) shows no lengths: positions have no unit; inertia ratios need none"
                 )
     return replace(
-        _of_fit(times, rows, fit, w, found, warnings),
+        _of_fit(times, rows, fit, w, momentum, warnings),
         position=position,
         velocity=velocity,
         features=features,
@@ -187,24 +187,29 @@ def _from_rates(problem: Problem, early: np.ndarray) -> Start:
     times, w = problem.times[rows], problem.rates[rows]
     fit = rates.from_rates(times, w, problem.sigma_rate)
     block = _blocks(times, fit)
-    found = momentum_inertia(fit.q, fit.w, within(fit.covariance, block), block, fit.window)
+    momentum = momentum_inertia(fit.q, fit.w, within(fit.covariance, block), block, fit.window)
     said = "attitude integrated from body rates, from the body's axes at the first epoch"
-    return replace(_of_fit(times, rows, fit, fit.w, found, [said]), block=block)
+    return replace(_of_fit(times, rows, fit, fit.w, momentum, [said]), block=block)
 
 
 def _of_fit(
-    times: np.ndarray, rows: np.ndarray, fit: rates.LocalFit, w: np.ndarray, found: Momentum | None, warnings: list[str]
+    times: np.ndarray,
+    rows: np.ndarray,
+    fit: rates.LocalFit,
+    w: np.ndarray,
+    momentum: Momentum | None,
+    warnings: list[str],
 ) -> Start:
     """The start in the fit's own body axes, without a path: its epochs `rows`, rates w, and the inertia where it was found."""
     return Start(
         times=times,
         q=fit.q,
         w=w,
-        inertia=None if found is None else found.inertia,
+        inertia=None if momentum is None else momentum.inertia,
         sigma_w=float(np.sqrt(np.nanmedian(np.einsum("nii->n", fit.covariance[:, 3:, 3:]) / 3.0))),
         warnings=tuple(warnings),
         covariance=fit.covariance,
-        momentum=found,
+        momentum=momentum,
         window=fit.window,
         outliers=int((~fit.good).sum()),
         index=rows,

@@ -133,9 +133,9 @@ def align(
     score = goal_tree.query(there.reshape(-1, 3))[0].reshape(len(rotations), -1).mean(1)
     score += scale * own_tree.query(back.reshape(-1, 3))[0].reshape(len(rotations), -1).mean(1)
 
-    def both_ways(found: Similarity, count: int) -> float:
-        value = goal_tree.query(found.apply(own[:count]))[0].mean()
-        return float(value + found.scale * own_tree.query(found.back(goal[:count]))[0].mean())
+    def both_ways(similarity: Similarity, count: int) -> float:
+        value = goal_tree.query(similarity.apply(own[:count]))[0].mean()
+        return float(value + similarity.scale * own_tree.query(similarity.back(goal[:count]))[0].mean())
 
     kept = [
         Similarity(scale, rotations[k], b.center_of_mass - scale * rotations[k] @ a.center_of_mass)

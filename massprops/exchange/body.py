@@ -117,8 +117,8 @@ def read_body(
         mesh, notes = read_solid(source)
         surface = {"watertight": True, "area": float(mesh.area), "observed_fraction": 1.0}
         scale = {"source": "given", "metres_per_unit": 1.0, "relative_sigma": 0.0}
-        found = mass_properties(mesh, ASSUMED_DENSITY if density is None else density)
-        document = make_document(found, {}, scale, surface, list(notes), density_assumed=density is None)
+        properties = mass_properties(mesh, ASSUMED_DENSITY if density is None else density)
+        document = make_document(properties, {}, scale, surface, list(notes), density_assumed=density is None)
         run, name, files = None, identifier(source.stem), (source,)
     else:
         raise InputError(

@@ -121,12 +121,12 @@ def compare(
     target, notes = read_solid(cad)
     ours_length = None if free or not body.metric else greatest_length(np.asarray(body.mesh.vertices))[0]
     target, unit_notes = in_metres(target, cad_unit, ours_length)
-    found = _compared(body, target, free, seed, (*notes, *unit_notes))
+    comparison = _compared(body, target, free, seed, (*notes, *unit_notes))
     if out is not None:
         from massprops.exchange.compare_files import write_comparison
 
-        write_comparison(found, out, inputs, force)
-    return found
+        write_comparison(comparison, out, inputs, force)
+    return comparison
 
 
 def _compared(body: Body, target: trimesh.Trimesh, free: bool, seed: int, notes: tuple[str, ...]) -> Comparison:

@@ -22,6 +22,7 @@ def facing_points(points: np.ndarray, normals: np.ndarray, K: np.ndarray, R: np.
 def _facing(
     points: np.ndarray, normals: np.ndarray, k: np.ndarray, R: np.ndarray, t: np.ndarray, seen: np.ndarray
 ) -> int:
+    """How many rows of seen (n, 3) are written; points, normals: (n, 3); k: (4,) fx, fy, cx, cy [px]; R: (3, 3); t: (3,)."""
     n = 0
     for i in range(len(points)):
         a, b, c = points[i, 0], points[i, 1], points[i, 2]

@@ -40,6 +40,7 @@ def silhouette(
 
 @njit(cache=True, error_model="numpy")
 def _fill(uv: np.ndarray, z: np.ndarray, faces: np.ndarray, depth: np.ndarray, face: np.ndarray) -> None:
+    """Writes depth (h, w) and face (h, w); uv: (v, 2) [px] and z: (v,) of the vertices; faces: (f, 3)."""
     h, w = depth.shape
     for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]

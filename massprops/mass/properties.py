@@ -121,13 +121,13 @@ def properties_of_integrals(row: np.ndarray, density: float) -> MassProperties:
             f"mesh encloses a volume of {row[0]:.3g}, not above 0: turn its faces outward, or close its holes"
         )
     _, centre, inertia = central_inertia(row, density)
-    found = MassProperties.of(float(density), float(row[0]), centre, inertia)
-    if not is_physical(found.principal_moments):
-        said = ", ".join(f"{m:.4g}" for m in found.principal_moments)
+    body = MassProperties.of(float(density), float(row[0]), centre, inertia)
+    if not is_physical(body.principal_moments):
+        moments = ", ".join(f"{m:.4g}" for m in body.principal_moments)
         raise InputError(
-            f"mesh has moments {said}, which no body has: it intersects itself or is inside out; export it as a solid"
+            f"mesh has moments {moments}, which no body has: it intersects itself or is inside out; export it as a solid"
         )
-    return found
+    return body
 
 
 def mass_properties(mesh: trimesh.Trimesh, density: float = 1000.0) -> MassProperties:

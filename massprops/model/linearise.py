@@ -91,10 +91,10 @@ def _others(problem: Problem, m: Measurements, at: Predicted) -> tuple[np.ndarra
     sensed, p = model.sensed, model.flat(False)
     ranges = np.zeros(0)
     if len(m.range_at):
-        said = np.linalg.norm(at.motion.r[m.range_at], axis=1)
+        predicted = np.linalg.norm(at.motion.r[m.range_at], axis=1)
         for effect, place in sensed.hooks("range_offset"):
-            said = said + effect.range_offset(at.motion.times[m.range_at], p[place])
-        ranges = (problem.range_m[m.range_at] - said) / problem.sigma_range
+            predicted = predicted + effect.range_offset(at.motion.times[m.range_at], p[place])
+        ranges = (problem.range_m[m.range_at] - predicted) / problem.sigma_range
     rates = (problem.rates[m.rate_at] - at.motion.w[m.rate_at]) / problem.sigma_rate
     attitude = np.zeros((0, 3))
     if len(m.attitude_at):

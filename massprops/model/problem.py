@@ -279,9 +279,9 @@ def _tracks(
     rows = good[place]
     uv = np.full((len(stamp), len(numbers), int(good.sum()), 2), np.nan)
     for c, k in enumerate(numbers):
-        own = rows & (tracks.camera == k)
-        at = np.searchsorted(stamp, tracks.timestamp_ns[own])
-        uv[at, c, column[place[own]]] = _without_distortion(sequence.cameras[k], tracks.uv[own])
+        of_camera = rows & (tracks.camera == k)
+        at = np.searchsorted(stamp, tracks.timestamp_ns[of_camera])
+        uv[at, c, column[place[of_camera]]] = _without_distortion(sequence.cameras[k], tracks.uv[of_camera])
     return known[good], uv
 
 

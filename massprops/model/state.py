@@ -105,8 +105,8 @@ def moved_inertia(inertia: np.ndarray, d: np.ndarray) -> np.ndarray:
     """Sigma^1/2 exp(sum d_k B_k) Sigma^1/2 as an inertia: physical for every d (5,)."""
     values, vectors = np.linalg.eigh(np.tensordot(d, DIRECTIONS, 1))
     root = _root(second_moment(inertia))
-    sigma, own = np.linalg.eigh(root @ (vectors * np.exp(np.clip(values, -5, 5))) @ vectors.T @ root)
-    return inertia_of((own * np.maximum(sigma, LEAST * sigma[-1])) @ own.T)
+    sigma, axes = np.linalg.eigh(root @ (vectors * np.exp(np.clip(values, -5, 5))) @ vectors.T @ root)
+    return inertia_of((axes * np.maximum(sigma, LEAST * sigma[-1])) @ axes.T)
 
 
 def moved(state: BatchState, d: np.ndarray, points: np.ndarray) -> BatchState:

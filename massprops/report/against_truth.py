@@ -83,47 +83,47 @@ def true_inertia(truth: Truth) -> np.ndarray | None:
     return None
 
 
-def errors(found: Estimate, problem: Problem, truth: Truth) -> Errors | None:
+def errors(estimate: Estimate, problem: Problem, truth: Truth) -> Errors | None:
     """The estimate against the truth at common times; None when there are none.
 
     The truth's body axes are tied to those of `attitude0` by that series itself, and to an estimator's own axes by the
     mean turn between both attitudes over the second half, which is where a filter has settled.
     """
-    if found.q is None or found.w is None or not len(truth.timestamp_ns):
+    if estimate.q is None or estimate.w is None or not len(truth.timestamp_ns):
         return None
-    stamps = problem.stamps(found.times)
+    stamps = problem.stamps(estimate.times)
     _, at, there = np.intersect1d(stamps, truth.timestamp_ns, return_indices=True)
-    finite = np.isfinite(found.q[at]).all(axis=1) & np.isfinite(found.w[at]).all(axis=1)
+    finite = np.isfinite(estimate.q[at]).all(axis=1) & np.isfinite(estimate.w[at]).all(axis=1)
     at, there = at[finite], there[finite]
     if len(at) < 2:
         return None
-    own, true = rotation_matrix(found.q[at]), rotation_matrix(truth.q[there])
+    estimated, true = rotation_matrix(estimate.q[at]), rotation_matrix(truth.q[there])
     turn = None
-    if found.body_frame == "attitude0":
+    if estimate.body_frame == "attitude0":
         turn = attitude_turn(problem, truth)
     if turn is None:
         late = slice(len(at) // 2, None)
-        turn = nearest_rotation((np.swapaxes(true[late], 1, 2) @ own[late]).sum(axis=0))
-    carried = multiply(found.q[at], from_rotation_matrix(turn.T))
+        turn = nearest_rotation((np.swapaxes(true[late], 1, 2) @ estimated[late]).sum(axis=0))
+    carried = multiply(estimate.q[at], from_rotation_matrix(turn.T))
     apart = rotation_vector(multiply(truth.q[there] * [1, -1, -1, -1], carried))
-    w = found.w[at] @ turn.T - truth.w[there]
+    w = estimate.w[at] @ turn.T - truth.w[there]
     position = None
-    if found.position is not None:
+    if estimate.position is not None:
         centre = np.zeros(3)
         for key in ("motion_centre_of_mass_m", "centre_of_mass_m"):
             if truth.facts.get(key) is not None:
                 centre = np.array(truth.facts[key], float)
                 break
-        position = found.position[at] - truth.position[there] - true @ centre
+        position = estimate.position[at] - truth.position[there] - true @ centre
     k, inertia = true_ratios(truth), true_inertia(truth)
     k_error = axes = None
-    if found.observable and found.k1 is not None and k is not None:
-        k_error = np.array([found.k1, found.k2]) - k
-    if found.observable and found.principal_axes is not None and inertia is not None:
-        axes = float(np.linalg.norm(turn_between(turn @ found.principal_axes, ratios(inertia)[1])))
-    history = None if found.k_history is None or k is None else found.k_history[at] - k
+    if estimate.observable and estimate.k1 is not None and k is not None:
+        k_error = np.array([estimate.k1, estimate.k2]) - k
+    if estimate.observable and estimate.principal_axes is not None and inertia is not None:
+        axes = float(np.linalg.norm(turn_between(turn @ estimate.principal_axes, ratios(inertia)[1])))
+    history = None if estimate.k_history is None or k is None else estimate.k_history[at] - k
     return Errors(
-        times=np.asarray(found.times)[at],
+        times=np.asarray(estimate.times)[at],
         attitude=apart,
         w=w,
         position=position,

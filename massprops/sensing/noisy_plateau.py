@@ -67,12 +67,12 @@ def refuse_plateaus(times: np.ndarray, w: np.ndarray, noise: np.ndarray) -> None
         for p in (_plateaus(axis, sign, values, float(sd), sides) if sd > 0.0 and sides else [])
     ]
     for one in every:
-        own = [p for p in every if abs(abs(p.level) - abs(one.level)) < ONE_LEVEL * abs(one.level)]
-        if len(own) >= TWICE and sum(p.odds for p in own) > -np.log(BY_CHANCE):
-            longest = max(own, key=lambda p: p.ends - p.begins)
+        alike = [p for p in every if abs(abs(p.level) - abs(one.level)) < ONE_LEVEL * abs(one.level)]
+        if len(alike) >= TWICE and sum(p.odds for p in alike) > -np.log(BY_CHANCE):
+            longest = max(alike, key=lambda p: p.ends - p.begins)
             raise NotPossible(
                 f"imu0: the rate about {longest.axis} stays at {longest.level:.6g} rad/s from {times[longest.begins]:.4g} to "
-                f"{times[longest.ends - 1]:.4g} s, one of {len(own)} such plateaus that begin and end with a corner: the gyroscope is at "
+                f"{times[longest.ends - 1]:.4g} s, one of {len(alike)} such plateaus that begin and end with a corner: the gyroscope is at "
                 "the end of its range. Cut the record there, or record with a wider range"
             )
 
@@ -135,13 +135,13 @@ def _corner(values: np.ndarray, at: int, level: float, noise: float, sides: list
         inside = min(side, len(values) - at)
         if at < side or inside < FEWEST // 2:
             continue
-        own = values[at - side : at + inside] - level
+        window = values[at - side : at + inside] - level
         t = np.arange(-side, inside, dtype=float)
         X = np.linalg.qr(np.stack([t**k for k in range(TERMS)], axis=1) / float(side) ** np.arange(TERMS))[0]
-        smooth = float(np.sum((own - X @ (X.T @ own)) ** 2))
-        cut = min(_cut(own, t, shift) for shift in SHIFTS)
-        if cut < LEFT**2 * noise**2 * len(own):
-            best = max(best, 0.5 * len(own) * np.log(smooth / max(cut, 1e-300)))
+        smooth = float(np.sum((window - X @ (X.T @ window)) ** 2))
+        cut = min(_cut(window, t, shift) for shift in SHIFTS)
+        if cut < LEFT**2 * noise**2 * len(window):
+            best = max(best, 0.5 * len(window) * np.log(smooth / max(cut, 1e-300)))
     return best
 
 

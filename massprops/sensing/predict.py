@@ -71,8 +71,8 @@ def camera_turn(motion: Motion, sensed: Sensed, p: np.ndarray) -> np.ndarray:
 
 def delays(seen: Seen, sensed: Sensed, p: np.ndarray) -> np.ndarray | None:
     """(o,) seconds after the timestamp, or None when no effect delays."""
-    found = sensed.hooks("delay")
-    return sum(e.delay(seen.camera, seen.row, p[s]) for e, s in found) if found else None
+    hooks = sensed.hooks("delay")
+    return sum(e.delay(seen.camera, seen.row, p[s]) for e, s in hooks) if hooks else None
 
 
 def in_chaser(
@@ -95,19 +95,19 @@ def image(cameras: tuple[Pinhole, ...], camera: np.ndarray, X: np.ndarray, sense
     """Pixels (o, 2) of points X (o, 3) in cam0's frame; a point behind its camera is moved to a depth of 1 mm."""
     out = np.zeros((len(X), 2), np.result_type(X, p, float))
     for k, pinhole in enumerate(cameras):
-        own = camera == k
-        if not own.any():
+        of_camera = camera == k
+        if not of_camera.any():
             continue
         base = pinhole.t
         for effect, place in sensed.hooks("base"):
             base = effect.base(k, base, p[place])
-        Y = (X[own] - base) @ pinhole.R.T
+        Y = (X[of_camera] - base) @ pinhole.R.T
         depth = np.where(np.real(Y[:, 2]) > 1e-3, Y[:, 2], 1e-3)
         x, y = Y[:, 0] / depth, Y[:, 1] / depth
         fu, fv, cu, cv = pinhole.intrinsics
         for effect, place in sensed.hooks("lens"):
             x, y = effect.lens(x, y, p[place], fu)
-        out[own, 0], out[own, 1] = fu * x + cu, fv * y + cv
+        out[of_camera, 0], out[of_camera, 1] = fu * x + cu, fv * y + cv
     return out
 
 

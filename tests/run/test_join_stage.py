@@ -19,7 +19,7 @@ from massprops.geometry.rasterise import rasterise
 from massprops.run import silhouettes_again
 from massprops.run.drawn_silhouettes import Visible
 from massprops.run.stages import join
-from massprops.run.stages.join import _best_first, _laid, _laid_again, _reason, _said
+from massprops.run.stages.join import _best_first, _entry_of, _laid, _laid_again, _reason
 from massprops.sfm.across import Laid
 from massprops.sfm.points import SparsePoints, project
 from massprops.surface.cloud import Cloud
@@ -62,7 +62,7 @@ def test_silhouettes_that_are_wrong_by_more_than_the_answers_differ_decide_nothi
     """As of a padlock, whose silhouettes missed its shackle: the best answer was wrong, 0.7 px to 1.4 px."""
     assert registered().clear and not registered(own_px=0.8).clear
     assert registered(own_px=0.2, rival_px=3.7).clear
-    said = _said(registered(symmetric=True))
+    said = _entry_of(registered(symmetric=True))
     assert said["symmetric"] is True and json.loads(json.dumps(said)) == said
     assert "equally well" in _reason(registered(own_px=0.8))
     assert "another object" in _reason(registered(outside_px=5.0))

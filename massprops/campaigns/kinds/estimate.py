@@ -112,7 +112,7 @@ def _run(values: dict[str, Any], seed: int) -> dict[str, Any]:
     return errors(outcome.estimates[0], simulated.truth)
 
 
-def errors(found: Estimate, truth: dict[str, Any]) -> dict[str, Any]:
+def errors(estimate: Estimate, truth: dict[str, Any]) -> dict[str, Any]:
     """Errors of an estimate against the truth, flat.
 
     Angular velocity is compared in the camera's frame, and attitude after the turn between the two choices of body axes
@@ -122,42 +122,42 @@ def errors(found: Estimate, truth: dict[str, Any]) -> dict[str, Any]:
         `k1_error`, `k2_error` (ours minus true), `sigma_k1`, `sigma_k2`, `nees_k` (2 degrees of freedom), `w_deg_s`,
         `attitude_deg`, `position_m` (rms over the last half of the span), `converged`, `observable`, `innovation`.
     """
-    row: dict[str, Any] = {"converged": int(found.converged), "observable": int(found.observable)}
-    if found.k1 is not None and found.k2 is not None:
-        off = np.array([found.k1 - truth["k1"], found.k2 - truth["k2"]])
+    row: dict[str, Any] = {"converged": int(estimate.converged), "observable": int(estimate.observable)}
+    if estimate.k1 is not None and estimate.k2 is not None:
+        off = np.array([estimate.k1 - truth["k1"], estimate.k2 - truth["k2"]])
         row |= {"k1_error": float(off[0]), "k2_error": float(off[1])}
-        if found.k_covariance is not None and found.sigma_k is not None:
-            row |= {"sigma_k1": float(found.sigma_k[0]), "sigma_k2": float(found.sigma_k[1])}
-            row["nees_k"] = float(normalised_square(off, found.k_covariance))
-    row |= _state_errors(found, truth)
-    if found.innovation is not None:
-        row["innovation"] = float(found.innovation)
-    if found.cpu_us_per_step is not None:
-        row["cpu_us_per_step"] = float(found.cpu_us_per_step)
-    if not found.converged:
-        row["error"] = f"did not converge: {found.reason}"
+        if estimate.k_covariance is not None and estimate.sigma_k is not None:
+            row |= {"sigma_k1": float(estimate.sigma_k[0]), "sigma_k2": float(estimate.sigma_k[1])}
+            row["nees_k"] = float(normalised_square(off, estimate.k_covariance))
+    row |= _state_errors(estimate, truth)
+    if estimate.innovation is not None:
+        row["innovation"] = float(estimate.innovation)
+    if estimate.cpu_us_per_step is not None:
+        row["cpu_us_per_step"] = float(estimate.cpu_us_per_step)
+    if not estimate.converged:
+        row["error"] = f"did not converge: {estimate.reason}"
     return row
 
 
-def _state_errors(found: Estimate, truth: dict[str, Any]) -> dict[str, float]:
+def _state_errors(estimate: Estimate, truth: dict[str, Any]) -> dict[str, float]:
     from massprops.dynamics.quaternion import rotate, rotation_matrix
 
     stamp = np.asarray(truth["timestamp_ns"])
     times = (stamp - stamp[0]) * 1e-9
-    if not len(found.times):
+    if not len(estimate.times):
         return {}
-    at = np.clip(np.searchsorted(times, found.times - 1e-6), 0, len(times) - 1)
-    late = found.times >= SETTLED * found.times[-1]
+    at = np.clip(np.searchsorted(times, estimate.times - 1e-6), 0, len(times) - 1)
+    late = estimate.times >= SETTLED * estimate.times[-1]
     row: dict[str, float] = {}
-    if found.position is not None:
-        row["position_m"] = _rms(found.position[late] - np.asarray(truth["position"])[at][late])
-    if found.q is not None:
+    if estimate.position is not None:
+        row["position_m"] = _rms(estimate.position[late] - np.asarray(truth["position"])[at][late])
+    if estimate.q is not None:
         q = np.asarray(truth["q"])[at]
-        if found.w is not None:
+        if estimate.w is not None:
             row["w_deg_s"] = float(
-                np.degrees(_rms(rotate(found.q, found.w)[late] - rotate(q, np.asarray(truth["w"])[at])[late]))
+                np.degrees(_rms(rotate(estimate.q, estimate.w)[late] - rotate(q, np.asarray(truth["w"])[at])[late]))
             )
-        between = np.swapaxes(rotation_matrix(found.q), -1, -2) @ rotation_matrix(q)
+        between = np.swapaxes(rotation_matrix(estimate.q), -1, -2) @ rotation_matrix(q)
         mean = nearest_rotation(np.nanmean(between[late], axis=0))
         cosine = 0.5 * (np.einsum("nij,ij->n", between[late], mean) - 1.0)
         row["attitude_deg"] = float(np.degrees(np.sqrt(np.nanmean(np.arccos(np.clip(cosine, -1.0, 1.0)) ** 2))))

@@ -59,8 +59,8 @@ def image_curvature(
     B, m = state.X.shape[:2]
     start = 9 + PARAMETERS
     each = start + 3 * np.arange(m)[:, None] + np.arange(3)
-    own = P[:, each[:, :, None], each[:, None, :]]
-    joint, velocity, turning = _moving(state, P, each, own, spin)
+    of_points = P[:, each[:, :, None], each[:, None, :]]
+    joint, velocity, turning = _moving(state, P, each, of_points, spin)
     means, spreads, depths = [], [], []
     for camera in cameras:
         rows = camera.R @ frame.T
@@ -101,7 +101,7 @@ def _flow_bend(A: np.ndarray, C: np.ndarray, Va: np.ndarray, Vc: np.ndarray) -> 
 
 
 def _moving(
-    state: State, P: np.ndarray, each: np.ndarray, own: np.ndarray, spin: np.ndarray
+    state: State, P: np.ndarray, each: np.ndarray, of_points: np.ndarray, spin: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Covariance (B, m, 6, 6) of the points and their velocities, inertial axes; the velocities (B, m, 3); covariance
     (B, m, 3, 3) of the error of the rate times that of the place."""
@@ -115,7 +115,7 @@ def _moving(
     J[:, :, 3:, 3:6] = np.eye(3)
     joint = J @ P[:, None] @ np.swapaxes(J, -1, -2)
     with_w = np.moveaxis(P[:, 0:3][:, :, each], 1, 2)
-    turning = cross_covariance(np.broadcast_to(P[:, None, 0:3, 0:3], own.shape), own, with_w)
+    turning = cross_covariance(np.broadcast_to(P[:, None, 0:3, 0:3], of_points.shape), of_points, with_w)
     return joint, state.U[:, None] + cross(state.W[:, None] - spin, state.X), turning
 
 

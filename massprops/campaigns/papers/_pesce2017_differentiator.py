@@ -46,9 +46,9 @@ def rates_from_flow(
     scale = np.sqrt(np.sum(A * A, axis=1))
     A = A / scale[:, None]
     covariance = np.linalg.pinv(np.swapaxes(A, 1, 2) @ A, hermitian=True)
-    found = (covariance @ (np.swapaxes(A, 1, 2) @ z[..., None]))[..., 0] / scale
+    motion = (covariance @ (np.swapaxes(A, 1, 2) @ z[..., None]))[..., 0] / scale
     covariance = covariance / (scale[:, :, None] * scale[:, None, :])
-    return found[:, :3], covariance[:, :3, :3]
+    return motion[:, :3], covariance[:, :3, :3]
 
 
 def slope(times: np.ndarray, rates: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

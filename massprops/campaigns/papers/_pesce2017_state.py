@@ -177,8 +177,8 @@ def covariance_of(
     noise = np.zeros((len(state.W), free.size, free.size))
     for part, block in ((free.w, rate), (free.u, velocity), (free.r, position), (free.theta, attitude), (free.k, k)):
         noise[:, part, part] = block
-    for i, own in enumerate(free.points):
-        noise[:, own, own] = features[..., i, :, :]
+    for i, point in enumerate(free.points):
+        noise[:, point, point] = features[..., i, :, :]
     # columns: everyday errors (W, v, r, theta, k, p); rows: this file's
     J = np.zeros_like(noise)
     J[:] = np.eye(free.size)
@@ -186,10 +186,10 @@ def covariance_of(
     J[:, free.u, free.r] = -skew(state.W)
     R = rotation_matrix(state.q)
     points = state.body_features
-    for i, own in enumerate(free.points):
-        J[:, own, free.r] = np.eye(3)
-        J[:, own, free.theta] = -R @ skew(points[:, i])
-        J[:, own, own] = R
+    for i, point in enumerate(free.points):
+        J[:, point, free.r] = np.eye(3)
+        J[:, point, free.theta] = -R @ skew(points[:, i])
+        J[:, point, point] = R
     P = J @ noise @ np.swapaxes(J, -1, -2)
     return to_additive(layout, state.q, P) if layout.additive else P
 

@@ -108,8 +108,8 @@ def transition(
     fixed = dr1
     fixed[:, :, free.r] -= turn
     F[:, free.x] = (-skew(lever) @ swing[:, None] + fixed[:, None]).reshape(B, -1, n)
-    for own in free.points:
-        F[:, own, own] += turn
+    for point in free.points:
+        F[:, point, point] += turn
     return (ahead, _additive(layout, F, state.q, q1)) if layout.additive else (ahead, F)
 
 
@@ -119,9 +119,9 @@ def _rotation(free: Layout, state: State, dt: float, steps: int) -> tuple[np.nda
 
     k = np.repeat(state.k[:, None].astype(complex), 6 + PARAMETERS, axis=1)
     k[:, range(6, 6 + PARAMETERS), range(PARAMETERS)] += 1j * TINY
-    q1, W1, own = rotated(state.q, state.W, np.stack(components(k), axis=1), dt, steps)
+    q1, W1, derivatives = rotated(state.q, state.W, np.stack(components(k), axis=1), dt, steps)
     core = np.zeros((len(state.W), 6, free.size))
-    core[:, :, free.w], core[:, :, free.theta.start : free.k.stop] = own[:, :, :3], own[:, :, 3:]
+    core[:, :, free.w], core[:, :, free.theta.start : free.k.stop] = derivatives[:, :, :3], derivatives[:, :, 3:]
     return q1, W1, core
 
 
@@ -161,9 +161,9 @@ def _second_order_places(layout: Layout, ahead: State, F: np.ndarray, P: np.ndar
     both = turn @ P
     A = both @ np.swapaxes(turn, 1, 2)
     at = [layout.r, *layout.points]
-    own = np.stack([P[:, a, a] for a in at], axis=1)
+    of_places = np.stack([P[:, a, a] for a in at], axis=1)
     mixed = np.stack([both[:, :, a] for a in at], axis=1)
-    return cross_covariance(np.broadcast_to(A[:, None], own.shape), own, mixed)
+    return cross_covariance(np.broadcast_to(A[:, None], of_places.shape), of_places, mixed)
 
 
 def _process_noise(layout: Layout, state: State, dt: float, noise: ProcessNoise) -> np.ndarray:

@@ -14,6 +14,7 @@ from massprops.dynamics.compiled import (
     to_reference,
     unit,
 )
+from massprops.dynamics.kernels import INNER, NODES, TOTAL
 from massprops.estimators import free_path
 from massprops.estimators.filters import components
 
@@ -55,8 +56,8 @@ def rotated(
             for i in range(4):
                 y[i] = start[i]
             y[4], y[5], y[6] = to_body(start[0], start[1], start[2], start[3], start[4], start[5], start[6])
-            own = (six[b, 0, j], six[b, 1, j], six[b, 2, j], six[b, 3, j], six[b, 4, j], six[b, 5, j])
-            end = _torque_free((y[4], y[5], y[6]), (y[0], y[1], y[2], y[3]), own, dt, steps)
+            inertia = (six[b, 0, j], six[b, 1, j], six[b, 2, j], six[b, 3, j], six[b, 4, j], six[b, 5, j])
+            end = _torque_free((y[4], y[5], y[6]), (y[0], y[1], y[2], y[3]), inertia, dt, steps)
             y[4], y[5], y[6], y[0], y[1], y[2], y[3] = end
             x, u, z = to_reference(y[0], y[1], y[2], y[3], y[4], y[5], y[6])
             core[b, 0, j], core[b, 1, j], core[b, 2, j] = x.imag / TINY, u.imag / TINY, z.imag / TINY
@@ -75,7 +76,7 @@ def rotated(
 
 @numba.njit(cache=True)
 def _along(q: np.ndarray, way: np.ndarray) -> None:
-    """Twice the derivative of q exp(theta) by theta, (3, 4)."""
+    """Twice the derivative of q exp(theta), q (4,), by theta, into way (3, 4)."""
     w, x, y, z = q
     way[0, 0], way[0, 1], way[0, 2], way[0, 3] = -x, w, z, -y
     way[1, 0], way[1, 1], way[1, 2], way[1, 3] = -y, -z, w, x
@@ -84,23 +85,26 @@ def _along(q: np.ndarray, way: np.ndarray) -> None:
 
 @numba.njit(cache=True)
 def moved(r: np.ndarray, v: np.ndarray, leaders: np.ndarray, mu: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """Place and velocity (B, 3) after dt [s] beside a chaser that is at `leaders` (3, 3) first, amid and last."""
+    """Place [m] and velocity [m/s], (B, 3) each, after dt [s] from r, v (B, 3), beside a chaser that is at `leaders` (3, 3) [m] first,
+    amid and last; mu [m^3/s^2]."""
     r1, v1 = np.empty_like(r), np.empty_like(v)
+    h2, h3, h4 = NODES[1] * dt, NODES[2] * dt, NODES[3] * dt
     for b in range(len(r)):
         a1 = _pull(mu, leaders[0], r[b])
-        v2 = v[b] + dt / 2 * a1
-        a2 = _pull(mu, leaders[1], r[b] + dt / 2 * v[b])
-        v3 = v[b] + dt / 2 * a2
-        a3 = _pull(mu, leaders[1], r[b] + dt / 2 * v2)
-        v4 = v[b] + dt * a3
-        a4 = _pull(mu, leaders[2], r[b] + dt * v3)
+        v2 = v[b] + h2 * a1
+        a2 = _pull(mu, leaders[1], r[b] + h2 * v[b])
+        v3 = v[b] + h3 * a2
+        a3 = _pull(mu, leaders[1], r[b] + h3 * v2)
+        v4 = v[b] + h4 * a3
+        a4 = _pull(mu, leaders[2], r[b] + h4 * v3)
         for i in range(3):
-            r1[b, i] = r[b, i] + dt / 6 * (v[b, i] + 2 * v2[i] + 2 * v3[i] + v4[i])
-            v1[b, i] = v[b, i] + dt / 6 * (a1[i] + 2 * a2[i] + 2 * a3[i] + a4[i])
+            r1[b, i] = r[b, i] + dt / TOTAL * (v[b, i] + INNER * v2[i] + INNER * v3[i] + v4[i])
+            v1[b, i] = v[b, i] + dt / TOTAL * (a1[i] + INNER * a2[i] + INNER * a3[i] + a4[i])
     return r1, v1
 
 
 @numba.njit(cache=True)
 def _pull(mu: float, leader: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """Acceleration (3,) [m/s^2] at r (3,) from a chaser that is at leader (3,) [m]."""
     x, y, z = differential_gravity(mu, leader[0], leader[1], leader[2], r[0], r[1], r[2])
     return np.array([x, y, z])

@@ -73,19 +73,19 @@ def _run(c: dict[str, Any], seed: int) -> dict[str, Any]:
     row["shown"] = int(shown)
     if not outcome.estimates:
         return {**row, "error": "; ".join(outcome.skipped.values())}
-    found = outcome.estimates[0]
-    row |= {"converged": int(found.converged), "observable": int(found.observable)}
-    if found.innovation is not None:
-        row["chi2"] = float(found.innovation)
-    if found.k1 is None or found.k2 is None:
-        return {**row, "error": found.reason} if shown else row
-    if not found.converged:
-        row["error"] = f"did not converge: {found.reason}"
-    off = np.array([found.k1 - made.truth["k1"], found.k2 - made.truth["k2"]])
+    estimate = outcome.estimates[0]
+    row |= {"converged": int(estimate.converged), "observable": int(estimate.observable)}
+    if estimate.innovation is not None:
+        row["chi2"] = float(estimate.innovation)
+    if estimate.k1 is None or estimate.k2 is None:
+        return {**row, "error": estimate.reason} if shown else row
+    if not estimate.converged:
+        row["error"] = f"did not converge: {estimate.reason}"
+    off = np.array([estimate.k1 - made.truth["k1"], estimate.k2 - made.truth["k2"]])
     row |= {"error_k1": float(off[0]), "error_k2": float(off[1])}
     row |= {"z_k1": float(off[0] / bound[0]), "z_k2": float(off[1] / bound[1])}
-    if found.k_covariance is not None:
-        row["nees"] = float(normalised_square(off, found.k_covariance))
+    if estimate.k_covariance is not None:
+        row["nees"] = float(normalised_square(off, estimate.k_covariance))
     return row
 
 

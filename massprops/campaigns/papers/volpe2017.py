@@ -246,22 +246,22 @@ def _scores(
     true = {name: truth[name][-1] for name in ("q", "w", "r", "v", "camera")}
     camera, last = true["camera"], run.last
     q, r, v = multiply(camera, last.q), rotate(camera, last.position), rotate(camera, last.velocity)
-    found = RangeMotion(q, last.w, run.k[-1], r, v, last.features)
+    end = RangeMotion(q, last.w, run.k[-1], r, v, last.features)
     block = to_camera(camera).T @ last.P[:BASE, :BASE] @ to_camera(camera)
-    by_k = cholesky_ratio_derivatives(found.s)[0]
+    by_k = cholesky_ratio_derivatives(end.s)[0]
     row: dict[str, Any] = {
         **_errors(c, truth, points, start, 0, "start"),
-        **_errors(c, truth, points, found, -1, "end"),
+        **_errors(c, truth, points, end, -1, "end"),
         "attitude end": np.degrees(angle_between(q, true["q"])),
         "innovation": run.nis.sum() / max(run.used.sum(), 1),
     }
     exact = RangeMotion(
         true["q"], true["w"], cholesky_parameters(np.diag(c["inertia_kg_m2"])), true["r"], true["v"], points
     )
-    error = exact.minus(found)
+    error = exact.minus(end)
     for name, part in PARTS.items():
         row[f"nees {name}"] = normalised_square(error[part], block[part, part])
-    off = ratios(cholesky_inertia(found.s))[0] - ratios(np.diag(c["inertia_kg_m2"]))[0]
+    off = ratios(cholesky_inertia(end.s))[0] - ratios(np.diag(c["inertia_kg_m2"]))[0]
     row["nees k"] = normalised_square(off, by_k @ block[6:11, 6:11] @ by_k.T)
     return {name: float(value) for name, value in row.items()}
 

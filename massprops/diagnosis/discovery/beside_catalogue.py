@@ -20,10 +20,10 @@ from massprops.diagnosis.wheel_of_any_history import wheel_of_any_history
 from massprops.errors import NotPossible
 
 
-def against_selection(law: Law, found: Selection) -> Against | None:
+def against_selection(law: Law, selection: Selection) -> Against | None:
     """A law against what a selection names; None where that is nothing, or was fitted to other rows."""
-    fits = [c.best for c in found.named if len(c.best.y) == len(law.base.y)]
-    return _against(law, fits, len(found.tried))
+    fits = [c.best for c in selection.named if len(c.best.y) == len(law.base.y)]
+    return _against(law, fits, len(selection.tried))
 
 
 def against_name(law: Law, name: str) -> Against | None:

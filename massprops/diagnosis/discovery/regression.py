@@ -128,10 +128,10 @@ def search(
     Args:
         use: the blocks of the record that count, a bool each; known: models to begin with beside those that grow.
     """
-    own = _reduced(r, np.ones(len(r.rows), bool) if use is None else use)
-    empty = Found((), own.score(())[0])
+    reduced = _reduced(r, np.ones(len(r.rows), bool) if use is None else use)
+    empty = Found((), reduced.score(())[0])
     seen: dict[tuple[int, ...], Found] = {(): empty}
-    _keep(seen, [replace(m, score=_score(own, r, m.columns, m.groups)) for m in known if np.isfinite(m.score)])
+    _keep(seen, [replace(m, score=_score(reduced, r, m.columns, m.groups)) for m in known if np.isfinite(m.score)])
     level = [empty]
     for _ in range(most):
         grown: dict[tuple[int, ...], Found] = {}
@@ -141,9 +141,9 @@ def search(
                     continue
                 groups = tuple(sorted((*model.groups, g)))
                 if groups not in grown:
-                    grown[groups] = _whole(own, r, groups)
+                    grown[groups] = _whole(reduced, r, groups)
         best = _different(sorted(grown.values(), key=lambda m: -m.score), r, beam)
-        pruned = [_pruned(own, r, m) for m in best]
+        pruned = [_pruned(reduced, r, m) for m in best]
         gained = max((m.score for m in pruned), default=-np.inf) > max(m.score for m in seen.values()) + 1e-9
         _keep(seen, pruned)
         level = best
@@ -151,23 +151,23 @@ def search(
             break
     for _ in range(EXCHANGES):
         top = max(seen.values(), key=lambda m: m.score)
-        others = sorted((_whole(own, r, g) for g in _exchanged(r, top)), key=lambda m: -m.score)
-        pruned = [_pruned(own, r, m) for m in others[:beam]]
+        others = sorted((_whole(reduced, r, g) for g in _exchanged(r, top)), key=lambda m: -m.score)
+        pruned = [_pruned(reduced, r, m) for m in others[:beam]]
         _keep(seen, pruned)
         if max((m.score for m in pruned), default=-np.inf) <= top.score:
             break
     return sorted(seen.values(), key=lambda m: -m.score)
 
 
-def _whole(own: _Reduced, r: Regression, groups: tuple[int, ...]) -> Found:
+def _whole(reduced: _Reduced, r: Regression, groups: tuple[int, ...]) -> Found:
     """The model of all terms of some groups."""
     columns = tuple(c for k in groups for c in r.groups[k])
-    return Found(columns, _score(own, r, columns, groups), groups)
+    return Found(columns, _score(reduced, r, columns, groups), groups)
 
 
-def _score(own: _Reduced, r: Regression, columns: tuple[int, ...], groups: tuple[int, ...]) -> float:
+def _score(reduced: _Reduced, r: Regression, columns: tuple[int, ...], groups: tuple[int, ...]) -> float:
     """Log evidence of a model less what its groups cost."""
-    return own.score(columns)[0] - float(r.prices[list(groups)].sum())
+    return reduced.score(columns)[0] - float(r.prices[list(groups)].sum())
 
 
 def _keep(seen: dict[tuple[int, ...], Found], models: list[Found]) -> None:
@@ -198,12 +198,12 @@ def _exchanged(r: Regression, model: Found) -> list[tuple[int, ...]]:
     return [tuple(sorted((*(k for k in model.groups if k not in out), g))) for out in outs for g in every]
 
 
-def _pruned(own: _Reduced, r: Regression, model: Found) -> Found:
+def _pruned(reduced: _Reduced, r: Regression, model: Found) -> Found:
     """The model without the terms that it is better off without; worthless with a coefficient of the wrong sign."""
     columns, groups = list(model.columns), model.groups
 
     def value(c: list[int]) -> float:
-        return _score(own, r, tuple(c), tuple(g for g in groups if set(r.groups[g]) & set(c)))
+        return _score(reduced, r, tuple(c), tuple(g for g in groups if set(r.groups[g]) & set(c)))
 
     score = value(columns)
     while len(columns) > 1:
@@ -214,7 +214,7 @@ def _pruned(own: _Reduced, r: Regression, model: Found) -> Found:
             break
         score, columns = best, fewer
     kept = tuple(columns)
-    x = own.score(kept)[1]
+    x = reduced.score(kept)[1]
     for g in groups:
         for c, v in zip(kept, x, strict=True):
             if r.least[g] and c in r.groups[g] and v < 0:
@@ -244,11 +244,11 @@ def distinct(models: list[Found], alike: dict[int, int]) -> dict[frozenset[int],
 def idle(r: Regression, columns: tuple[int, ...], chance: dict[int, float]) -> int | None:
     """The least likely term of a model where it is no more likely than not (the median model: Barbieri and Berger 2004) and
     the rows hardly ask for it; else None."""
-    own = _reduced(r, np.ones(len(r.rows), bool))
+    reduced = _reduced(r, np.ones(len(r.rows), bool))
     least = min(columns, key=lambda c: chance[c])
     if chance[least] > LIKELIER_THAN_NOT or len(columns) == 1:
         return None
-    lost = own.score(columns)[0] - own.score(tuple(c for c in columns if c != least))[0]
+    lost = reduced.score(columns)[0] - reduced.score(tuple(c for c in columns if c != least))[0]
     return least if lost < criteria.BEATS_NOTHING else None
 
 

@@ -30,8 +30,8 @@ def otherwise(case: Case, base: FittedModel) -> FittedModel:
     """
     if case.first.body_frame != "body.yaml" or case.inertia_prior.inertia is None:
         return base
-    _, own = np.linalg.eigh(base.fit.state.inertia)
-    begun = [in_axes(base.fit.state, own @ np.array(turn, float) @ own.T) for turn in OTHERWISE]
+    _, axes = np.linalg.eigh(base.fit.state.inertia)
+    begun = [in_axes(base.fit.state, axes @ np.array(turn, float) @ axes.T) for turn in OTHERWISE]
     tried = [refit(case, replace(state, inertia=case.inertia_prior.inertia), (), most=FIRST) for state in begun]
     good = min(tried, key=lambda s: s.bic)
     found = refit(case, good.fit.state, (), most=40, against=base.fit.cost)

@@ -83,10 +83,10 @@ def _selected(case: Case, watch: Watch) -> Selection | None:
     return case.balance[0]
 
 
-def _begun(case: Case, found: Selection, usable: list[ModuleType]) -> list[tuple[tuple[Added, ...], BatchState]]:
+def _begun(case: Case, selection: Selection, usable: list[ModuleType]) -> list[tuple[tuple[Added, ...], BatchState]]:
     # an effect that an unknown torque beats may still fit the pixels, where no such torque is its rival
     names = {m.NAME for m in usable}
-    fits = [c.alone for c in found.named if set(c.alone.names) <= names]
+    fits = [c.alone for c in selection.named if set(c.alone.names) <= names]
     return [(_added(f), _state(case, f)) for f in fits[:FITTED]]
 
 

@@ -180,13 +180,13 @@ def _in_body_axes(first: BatchStart, assumed: np.ndarray) -> BatchStart:
 
     Which of the four ways round does not matter: half turns about principal axes leave free rotation as it is.
     """
-    _, own = np.linalg.eigh(first.state.inertia)
+    _, axes = np.linalg.eigh(first.state.inertia)
     _, given = np.linalg.eigh(assumed)
-    if np.linalg.det(own) < 0:
-        own[:, 0] *= -1
+    if np.linalg.det(axes) < 0:
+        axes[:, 0] *= -1
     if np.linalg.det(given) < 0:
         given[:, 0] *= -1
-    turned = replace(in_axes(first.state, given @ own.T), inertia=assumed.copy())
+    turned = replace(in_axes(first.state, given @ axes.T), inertia=assumed.copy())
     free = first.free.copy()
     free[:3] = True
     return replace(first, state=turned, free=free, body_frame="body.yaml")

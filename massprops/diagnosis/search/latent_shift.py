@@ -66,5 +66,5 @@ def _shapes(case: Case, camera: int, length: float) -> np.ndarray:
     m, t = case.fitted, case.problem.times
     knots = np.linspace(t[0], t[-1], TORQUE_KNOTS)
     smooth = hats(t, knots) @ factor(matern(knots, length * (t[-1] - t[0])))
-    own = (m.seen.camera == camera)[:, None] * smooth[m.seen.epoch]
-    return np.kron(own[:, None, :], np.eye(2)[:, :, None]).reshape(2 * len(own), -1)
+    smooth_of_camera = (m.seen.camera == camera)[:, None] * smooth[m.seen.epoch]
+    return np.kron(smooth_of_camera[:, None, :], np.eye(2)[:, :, None]).reshape(2 * len(smooth_of_camera), -1)

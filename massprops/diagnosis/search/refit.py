@@ -107,11 +107,11 @@ def start_values(case: Case, effect: ModuleType) -> list[np.ndarray]:
 
 def free_of(case: Case, state: BatchState, added: tuple[Added, ...], hold: str = "") -> np.ndarray:
     """(size,) which parameters may move; `hold`: kind of the effects' parameters that keep their values."""
-    own = {a.name: a for a in added}
+    by_name = {a.name: a for a in added}
     mask = list(case.first.free)
     for module in state.model.modules:
-        found = own[module.NAME].given is None
-        each = zip(module.PARAMETERS, searched(module, own[module.NAME].form), strict=True)
+        found = by_name[module.NAME].given is None
+        each = zip(module.PARAMETERS, searched(module, by_name[module.NAME].form), strict=True)
         mask += [found and yes and q.kind != hold for q, yes in each]
     return np.array(mask)
 
@@ -155,14 +155,14 @@ def fitted_model(case: Case, found: Fit, added: tuple[Added, ...]) -> FittedMode
     sigma, at = {}, BODY_SIZE
     implausible = ""
     for module, values in zip(found.state.model.modules, found.state.model.values, strict=True):
-        own = np.sqrt(np.diag(covariance))[at : at + len(values)]
+        sigmas = np.sqrt(np.diag(covariance))[at : at + len(values)]
         for i, q in enumerate(module.PARAMETERS):
             if q.kind == "time" and not found.free[at + i]:
                 # anywhere between two epochs
-                own[i] = float(np.median(np.diff(case.problem.times))) / np.sqrt(12.0)
+                sigmas[i] = float(np.median(np.diff(case.problem.times))) / np.sqrt(12.0)
         at += len(values)
-        sigma[module.NAME] = own
-        implausible = implausible or _implausible(module, values, own, case)
+        sigma[module.NAME] = sigmas
+        implausible = implausible or _implausible(module, values, sigmas, case)
     return FittedModel(
         added=added,
         fit=found,

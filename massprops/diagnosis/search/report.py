@@ -144,10 +144,10 @@ def _on_the_body(d: Diagnosis) -> str:
 def _arrows(d: Diagnosis) -> str:
     """Mean residuals of cam0 on the image plane, before (red) and after (green)."""
     m = d.case.fitted
-    own = m.seen.camera == 0
-    if own.sum() < 50:
+    of_camera = m.seen.camera == 0
+    if of_camera.sum() < 50:
         return ""
-    uv = m.uv[own]
+    uv = m.uv[of_camera]
     low, high = np.percentile(uv, [0, 100], axis=0)
     cell = np.clip(((uv - low) / np.maximum(high - low, 1e-9) * ARROWS).astype(int), 0, ARROWS - 1)
     key = cell[:, 0] * ARROWS + cell[:, 1]
@@ -155,7 +155,7 @@ def _arrows(d: Diagnosis) -> str:
     base, best = d.selection.base, d.selection.best or d.selection.base
     means = []
     for s in (base, best):
-        r = np.clip(s.fit.residuals.tracks[own], -30, 30) * m.sigma[own, None]
+        r = np.clip(s.fit.residuals.tracks[of_camera], -30, 30) * m.sigma[of_camera, None]
         means.append(
             np.stack([np.bincount(key, r[:, k], minlength=ARROWS**2) for k in range(2)], axis=1)
             / np.maximum(count, 1)[:, None]

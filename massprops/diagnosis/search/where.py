@@ -63,16 +63,16 @@ def _of_tracks(
     whole = (edges[0], edges[-1])
     which = np.clip(np.searchsorted(edges, problem.times[m.seen.epoch], side="right") - 1, 0, INTERVALS - 1)
     for c in np.unique(m.seen.camera):
-        own = m.seen.camera == c
+        of_camera = m.seen.camera == c
         for axis, letter in enumerate("uv"):
             for k in range(INTERVALS):
-                yield _place(f"cam{c} {letter}", r.tracks[own & (which == k), axis], edges[k : k + 2], [])
-        low, high = np.percentile(m.uv[own], [0, 100], axis=0)
+                yield _place(f"cam{c} {letter}", r.tracks[of_camera & (which == k), axis], edges[k : k + 2], [])
+        low, high = np.percentile(m.uv[of_camera], [0, 100], axis=0)
         side = (high - low) / CELLS
         cell = np.clip(((m.uv - low) / np.maximum(high - low, 1e-9) * CELLS).astype(int), 0, CELLS - 1)
         for i in range(CELLS):
             for j in range(CELLS):
-                here = own & (cell[:, 0] == i) & (cell[:, 1] == j)
+                here = of_camera & (cell[:, 0] == i) & (cell[:, 1] == j)
                 region = [*(low + [i, j] * side), *(low + [i + 1, j + 1] * side)]
                 yield _place(f"cam{c}", r.tracks[here], whole, [], region=[float(v) for v in region])
     for j in np.unique(m.seen.feature):
@@ -80,8 +80,8 @@ def _of_tracks(
     away = unit(points)
     for axis, letter in enumerate("xyz"):
         for sign in (1, -1):
-            own = sign * away[m.seen.feature, axis] > 0.7
-            yield _place("tracks", r.tracks[own], whole, [], direction=f"{'+' if sign > 0 else '-'}{letter}")
+            beyond = sign * away[m.seen.feature, axis] > 0.7
+            yield _place("tracks", r.tracks[beyond], whole, [], direction=f"{'+' if sign > 0 else '-'}{letter}")
 
 
 def _of_series(times: np.ndarray, m: Measurements, r: Residuals, edges: np.ndarray) -> Iterator[dict[str, Any] | None]:
@@ -92,5 +92,5 @@ def _of_series(times: np.ndarray, m: Measurements, r: Residuals, edges: np.ndarr
         ("attitude", r.attitude, m.attitude_at),
     ):
         for k in range(INTERVALS):
-            own = (times[at] >= edges[k]) & (times[at] <= edges[k + 1])
-            yield _place(channel, values[own], edges[k : k + 2], [])
+            within = (times[at] >= edges[k]) & (times[at] <= edges[k + 1])
+            yield _place(channel, values[within], edges[k : k + 2], [])

@@ -285,15 +285,15 @@ class Reduced:
         return float(np.sqrt(max(0.0, d @ self.H @ d)))
 
 
-def covariance_of(found: Fit, weak: float = 1e3) -> np.ndarray:
+def covariance_of(fitted: Fit, weak: float = 1e3) -> np.ndarray:
     """(size, size) covariance of the parameters, zero for those held, inflated by a misfit; what the data do not show
     gets `weak` times its scale."""
-    scale = found.scale
-    values, vectors = np.linalg.eigh(found.unit)
+    scale = fitted.scale
+    values, vectors = np.linalg.eigh(fitted.unit)
     inverse = (vectors / np.maximum(values, 1.0 / weak**4)) @ vectors.T
-    own = inverse / scale[:, None] / scale * max(1.0, found.chi2 / found.freedom)
-    out = np.zeros((len(found.free), len(found.free)))
-    out[np.ix_(found.free, found.free)] = own
+    own = inverse / scale[:, None] / scale * max(1.0, fitted.chi2 / fitted.freedom)
+    out = np.zeros((len(fitted.free), len(fitted.free)))
+    out[np.ix_(fitted.free, fitted.free)] = own
     return out
 
 

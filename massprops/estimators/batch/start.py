@@ -222,10 +222,10 @@ def place_points(
     points = state.points.copy()
     usable = problem.seen if observed is None else problem.seen & observed
     for j in np.flatnonzero(~np.isfinite(points).all(axis=1)):
-        own = m.seen.feature == j
-        if own.sum() < 2:
+        of_feature = m.seen.feature == j
+        if of_feature.sum() < 2:
             continue
-        A, b = rays[own].reshape(-1, 3), where[own].reshape(-1)
+        A, b = rays[of_feature].reshape(-1, 3), where[of_feature].reshape(-1)
         values = np.linalg.eigvalsh(A.T @ A)
         if values[0] < 1e-8 * values[-1]:
             continue
@@ -241,12 +241,12 @@ def _ray_rows(problem: Problem, at: Predicted, m: Measurements) -> tuple[np.ndar
     turn = at.motion.attitude[e]
     place = np.einsum("oij,oj->oi", at.motion.turn[e], at.motion.r[e])
     for k, camera in enumerate(problem.cameras):
-        own = m.seen.camera == k
+        of_camera = m.seen.camera == k
         fu, fv, cu, cv = camera.intrinsics
-        x = (m.uv[own, 0] - cu) / fu
-        y = (m.uv[own, 1] - cv) / fv
+        x = (m.uv[of_camera, 0] - cu) / fu
+        y = (m.uv[of_camera, 1] - cv) / fv
         for row, (axis, value) in enumerate(((0, x), (1, y))):
             normal = camera.R[axis] - value[:, None] * camera.R[2]
-            rows[own, row] = np.einsum("oi,oij->oj", normal, turn[own])
-            right[own, row] = -np.sum(normal * (place[own] - camera.t), axis=1)
+            rows[of_camera, row] = np.einsum("oi,oij->oj", normal, turn[of_camera])
+            right[of_camera, row] = -np.sum(normal * (place[of_camera] - camera.t), axis=1)
     return rows, right

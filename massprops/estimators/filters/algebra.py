@@ -20,8 +20,8 @@ def add_rows(
 ) -> None:
     """T[row, first : first + width] += f[0] A[k, place :] + f[1] A[k + 1, ...] + f[2] ... + f[3] ..., in one pass.
 
-    Indices are unsigned, and rows are not sliced: a check for negative ones, or the counting of references to a view,
-    would cost as much as the sum.
+    T: (a, b); A: (c, d). Indices are unsigned, and rows are not sliced: a check for negative ones, or the counting of references to a
+    view, would cost as much as the sum.
     """
     r, a, b = np.uint64(row), np.uint64(first), np.uint64(place)
     k0, k1, k2, k3 = np.uint64(k), np.uint64(k + 1), np.uint64(k + 2), np.uint64(k + 3)
@@ -31,7 +31,7 @@ def add_rows(
 
 
 def take_rows(T: np.ndarray, row: int, first: int, width: int, A: np.ndarray, k: int, place: int, column: int) -> None:
-    """T[row, first : first + width] -= sum over eight rows j from k of A[j, column] A[j, place :]."""
+    """T[row, first : first + width] -= sum over eight rows j from k of A[j, column] A[j, place :]; T: (a, b); A: (c, d)."""
     r, a, b = np.uint64(row), np.uint64(first), np.uint64(place)
     k0, k1, k2, k3 = np.uint64(k), np.uint64(k + 1), np.uint64(k + 2), np.uint64(k + 3)
     k4, k5, k6, k7 = np.uint64(k + 4), np.uint64(k + 5), np.uint64(k + 6), np.uint64(k + 7)
@@ -45,7 +45,8 @@ def take_rows(T: np.ndarray, row: int, first: int, width: int, A: np.ndarray, k:
 
 
 def add_pairs(T: np.ndarray, row: int, width: int, A: np.ndarray, B: np.ndarray, k: int) -> None:
-    """T[row, row : row + width] += sum over four rows j from k of A[j, row] A[j, row :] + B[j, row] B[j, row :]."""
+    """T[row, row : row + width] += sum over four rows j from k of A[j, row] A[j, row :] + B[j, row] B[j, row :]; T: (a, b);
+    A, B: (c, d)."""
     r = np.uint64(row)
     k0, k1, k2, k3 = np.uint64(k), np.uint64(k + 1), np.uint64(k + 2), np.uint64(k + 3)
     f0, f1, f2, f3 = A[k0, r], A[k1, r], A[k2, r], A[k3, r]
@@ -60,7 +61,7 @@ def add_pairs(T: np.ndarray, row: int, width: int, A: np.ndarray, B: np.ndarray,
 def upper_factor(T: np.ndarray, rows: int) -> None:
     """First `rows` rows of U with A = U^T U, written over T = [A, B] with zeros below the diagonal; never fails.
 
-    Columns beyond the square become U^-T B.
+    T: (rows or more, rows + b), A its first square; columns beyond the square become U^-T B.
     """
     for i in range(rows):
         original = T[i, i]
@@ -98,7 +99,10 @@ def difference(
     middle_point: np.ndarray,
     half: float,
 ) -> None:
-    """Half difference and half sum of a pair of sigma points' measurements, scaled, into columns first to last."""
+    """Half difference and half sum of a pair of sigma points' measurements, scaled, into columns first to last of a row.
+
+    odd, even: (N + 3, ny); plus, minus, middle_point: (ny,) of the two and of the mean.
+    """
     r, a = np.uint64(row), np.uint64(first)
     for i in range(np.uint64(last - first)):
         c = a + i
@@ -109,7 +113,7 @@ def difference(
 def add_to_mean(
     mean: np.ndarray, spread: np.ndarray, odd: np.ndarray, even: np.ndarray, row: int, spreads: bool
 ) -> None:
-    """mean += even[row]; and spread += odd[row]^2 + even[row]^2 when it is wanted."""
+    """mean += even[row]; and spread += odd[row]^2 + even[row]^2 when it is wanted; mean, spread: (nu,); odd, even: (N + 3, nu)."""
     r = np.uint64(row)
     for c in range(np.uint64(mean.shape[0])):
         mean[c] += even[r, c]

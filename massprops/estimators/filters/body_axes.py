@@ -56,7 +56,7 @@ def carried(
     step: Step,
     steps: int,
 ) -> Carried:
-    """As `prediction.carried`."""
+    """As `prediction.carried`, with its shapes."""
     inertia = inertia_of(
         x[RATIO] + g * U[j, nf],
         x[RATIO + 1] + g * U[j, nf + 1],

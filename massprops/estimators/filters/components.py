@@ -6,7 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from massprops.dynamics.kernels import cross, principal_acceleration, quaternion_rate, to_reference, unit
+from massprops.dynamics.kernels import (
+    INNER,
+    NODES,
+    TOTAL,
+    cross,
+    principal_acceleration,
+    quaternion_rate,
+    to_reference,
+    unit,
+)
 
 N = Any
 """A component: number or array."""
@@ -30,30 +39,26 @@ def torque_free(
     wx, wy, wz = w
     qw, qx, qy, qz = q
     h = dt / steps
+    h2, h3, h4, share = NODES[1] * h, NODES[2] * h, NODES[3] * h, h / TOTAL
     for _ in range(steps):
         ax, ay, az = acceleration(inertia, wx, wy, wz)
         aw, ai, aj, ak = quaternion_rate(qw, qx, qy, qz, wx, wy, wz)
-        ux, uy, uz = wx + 0.5 * h * ax, wy + 0.5 * h * ay, wz + 0.5 * h * az
+        ux, uy, uz = wx + h2 * ax, wy + h2 * ay, wz + h2 * az
         bx, by, bz = acceleration(inertia, ux, uy, uz)
-        bw, bi, bj, bk = quaternion_rate(
-            qw + 0.5 * h * aw, qx + 0.5 * h * ai, qy + 0.5 * h * aj, qz + 0.5 * h * ak, ux, uy, uz
-        )
-        ux, uy, uz = wx + 0.5 * h * bx, wy + 0.5 * h * by, wz + 0.5 * h * bz
+        bw, bi, bj, bk = quaternion_rate(qw + h2 * aw, qx + h2 * ai, qy + h2 * aj, qz + h2 * ak, ux, uy, uz)
+        ux, uy, uz = wx + h3 * bx, wy + h3 * by, wz + h3 * bz
         cx, cy, cz = acceleration(inertia, ux, uy, uz)
-        cw, ci, cj, ck = quaternion_rate(
-            qw + 0.5 * h * bw, qx + 0.5 * h * bi, qy + 0.5 * h * bj, qz + 0.5 * h * bk, ux, uy, uz
-        )
-        ux, uy, uz = wx + h * cx, wy + h * cy, wz + h * cz
+        cw, ci, cj, ck = quaternion_rate(qw + h3 * bw, qx + h3 * bi, qy + h3 * bj, qz + h3 * bk, ux, uy, uz)
+        ux, uy, uz = wx + h4 * cx, wy + h4 * cy, wz + h4 * cz
         dx, dy, dz = acceleration(inertia, ux, uy, uz)
-        dw, di, dj, dk = quaternion_rate(qw + h * cw, qx + h * ci, qy + h * cj, qz + h * ck, ux, uy, uz)
-        sixth = h / 6.0
-        wx = wx + sixth * (ax + 2.0 * (bx + cx) + dx)
-        wy = wy + sixth * (ay + 2.0 * (by + cy) + dy)
-        wz = wz + sixth * (az + 2.0 * (bz + cz) + dz)
-        qw = qw + sixth * (aw + 2.0 * (bw + cw) + dw)
-        qx = qx + sixth * (ai + 2.0 * (bi + ci) + di)
-        qy = qy + sixth * (aj + 2.0 * (bj + cj) + dj)
-        qz = qz + sixth * (ak + 2.0 * (bk + ck) + dk)
+        dw, di, dj, dk = quaternion_rate(qw + h4 * cw, qx + h4 * ci, qy + h4 * cj, qz + h4 * ck, ux, uy, uz)
+        wx = wx + share * (ax + INNER * (bx + cx) + dx)
+        wy = wy + share * (ay + INNER * (by + cy) + dy)
+        wz = wz + share * (az + INNER * (bz + cz) + dz)
+        qw = qw + share * (aw + INNER * (bw + cw) + dw)
+        qx = qx + share * (ai + INNER * (bi + ci) + di)
+        qy = qy + share * (aj + INNER * (bj + cj) + dj)
+        qz = qz + share * (ak + INNER * (bk + ck) + dk)
     qw, qx, qy, qz = unit(qw, qx, qy, qz)
     return wx, wy, wz, qw, qx, qy, qz
 

@@ -46,7 +46,10 @@ SMALL = 200_000
 
 
 def chosen(z: np.ndarray, variance: np.ndarray, first: int, per: int, index: np.ndarray, used: np.ndarray) -> int:
-    """Writes the numbers of what is measured into index, and which features are into used. Returns how many there are."""
+    """Writes the numbers of what is measured into index (ny,), and which features are into used (m,). Returns how many there are.
+
+    z, variance: (ny,); first: row of the first feature; per: rows of one.
+    """
     count = 0
     for c in range(z.shape[0]):
         if np.isfinite(z[c]) and variance[c] > 0.0:
@@ -58,7 +61,7 @@ def chosen(z: np.ndarray, variance: np.ndarray, first: int, per: int, index: np.
 
 
 def begin_rows(index: np.ndarray, count: int, first: int, per: int, start: np.ndarray) -> None:
-    """Writes, for each feature, the first row of index that is its own or a later one's."""
+    """Writes into start (m + 1,), for each feature, the first row of index (nu,) that is its own or a later one's."""
     row = 0
     for i in range(start.shape[0]):
         while row < count and index[row] < first + per * i:
@@ -68,7 +71,7 @@ def begin_rows(index: np.ndarray, count: int, first: int, per: int, start: np.nd
 
 
 def displaced(x1: np.ndarray, x: np.ndarray, g: float, U: np.ndarray, j: int, rule: Rule, still: bool) -> None:
-    """The sigma point g along row j of U, into x1, but for the features."""
+    """The sigma point g along row j of U (N + 3, N) from the state x, into x1, both (POINTS + 3 m,), but for the features."""
     nd, t = leading(rule), place_error(rule)
     if j < nd:
         for i in range(3):
@@ -96,10 +99,11 @@ def sigma_rows(
     rule: Rule,
     h0: np.ndarray,
 ) -> None:
-    """Half differences and half sums of the sigma points' measurements, into both (2, N + 3, rows).
+    """Half differences and half sums of the sigma points' measurements, into both (2, N + 3, nu).
 
-    mid: attitude that turns are measured from. still: features stand as if the centre of mass did not move. rows: index,
-    start and used, of what is measured. h0: (ny,) zeros, takes the mean's own measurements.
+    U: (N + 3, N); x: (POINTS + 3 m,). mid: attitude that turns are measured from. still: features stand as if the centre of mass did
+    not move. eyes: (c, 16) cameras. rows: index (nu,), start (m + 1,) and used (m,), of what is measured. h0: (ny,) zeros, takes the
+    mean's own measurements.
     """
     odd, even = both[0], both[1]
     index, start, used = rows
@@ -140,7 +144,10 @@ def gated(
     group: np.ndarray,
     gate: float,
 ) -> tuple[int, float]:
-    """How many rows are kept, moved to the front, and by what their noise is widened."""
+    """How many rows are kept, moved to the front, and by what their noise is widened.
+
+    both: (2, N + 3, nu); index, value, noise, mean, spread: (nu,) as of `innovations`; group: (ny,); gate [sigma].
+    """
     odd, even = both[0], both[1]
     nu = value.shape[0]
     ratio = np.empty(nu)
@@ -169,7 +176,10 @@ def gated(
 
 
 def add_sums(T: np.ndarray, both: np.ndarray, U: np.ndarray, start: np.ndarray, off: int, small: bool) -> None:
-    """Adds the sums over the sigma points to T = [S, cross-covariance, innovation], row by row above the diagonal."""
+    """Adds the sums over the sigma points to T = [S, cross-covariance, innovation], (nu, nu + N + 1), row by row above the diagonal.
+
+    both: (2, N + 3, nu or more); U: (N + 3, N); start: (m + 1,); off: first error of the first feature.
+    """
     odd, even = both[0], both[1]
     n, nu = U.shape[1], T.shape[0]
     if small:
@@ -190,7 +200,7 @@ def add_sums(T: np.ndarray, both: np.ndarray, U: np.ndarray, start: np.ndarray, 
 
 
 def take_gain(P: np.ndarray, T: np.ndarray, small: bool) -> None:
-    """Takes the square of the whitened cross-covariance from P."""
+    """Takes the square of the whitened cross-covariance, columns nu to nu + N of T (nu, nu + N + 1), from P (N, N)."""
     n, nu = P.shape[0], T.shape[0]
     if small:
         gained = T[:, nu : nu + n].copy()
@@ -219,7 +229,7 @@ def take_gain(P: np.ndarray, T: np.ndarray, small: bool) -> None:
 
 
 def move_mean(x: np.ndarray, step: np.ndarray, rule: Rule) -> None:
-    """The state by a step of its error."""
+    """The state x (POINTS + 3 m,) by a step (N,) of its error, in place."""
     nd, t, off = leading(rule), place_error(rule), point_error(rule)
     for i in range(3):
         x[i] += step[i]
@@ -252,7 +262,10 @@ def innovations(
     index: np.ndarray,
     rule: Rule,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Mean, innovation, variance by the sigma points, and noise of each row."""
+    """Mean, innovation, variance by the sigma points, and noise of each row, (nu,) each.
+
+    both: (2, N + 3, nu); z, variance, h0: (ny,); mid, attitude: (4,) the state's and the measured one; index: (nu,).
+    """
     odd, even = both[0], both[1]
     nu = index.shape[0]
     mean, value, spread, noise = np.zeros(nu), np.zeros(nu), np.zeros(nu), np.empty(nu)
@@ -276,7 +289,8 @@ def innovations(
 def rows_of(
     z: np.ndarray, variance: np.ndarray, features: int, cameras: int, rule: Rule
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Numbers of what is measured, which features are, and for each feature the first row of its own or a later one."""
+    """Numbers of what is measured (nu,), which features are (m,), and for each feature the first row of its own or a later one
+    (m + 1,); z, variance: (ny,)."""
     ny, first, per = z.shape[0], ahead(rule), per_feature(cameras, rule)
     index, used, start = np.empty(ny, np.int64), np.zeros(features, np.bool_), np.zeros(features + 1, np.int64)
     nu = chosen(z, variance, first, per, index, used)
@@ -286,7 +300,7 @@ def rows_of(
 
 
 def root_of(P: np.ndarray) -> np.ndarray:
-    """U with P = U^T U, and three rows of zeros below it."""
+    """U (N + 3, N) with P (N, N) = U^T U, and three rows of zeros below it."""
     n = P.shape[0]
     U = np.zeros((n + 3, n))
     for i in range(n):
@@ -307,7 +321,11 @@ def joint_root(
     inflate: float,
     rule: Rule,
 ) -> tuple[np.ndarray, bool]:
-    """The factor of the first nu rows' covariance S, with the whitened cross-covariance and innovation: (nu, n + nu + 1)."""
+    """The factor of the first nu rows' covariance S, with the whitened cross-covariance and innovation: (nu, nu + N + 1); and whether
+    BLAS made the sums.
+
+    both: (2, N + 3, nu or more); U: (N + 3, N); start: (m + 1,); mean, value, noise: (nu or more,); inflate: of the noise.
+    """
     n = U.shape[1]
     small = nu == both.shape[2] and 2 * n * nu * nu <= SMALL
     T = np.zeros((nu, nu + n + 1))
@@ -334,7 +352,11 @@ def correct(
     rule: Rule,
     tally: np.ndarray,
 ) -> None:
-    """One epoch's measurements, in place. tally: normalised innovation squared, used, gated."""
+    """One epoch's measurements, in place.
+
+    x: (POINTS + 3 m,); P: (N, N); z, variance, group: (ny,); attitude: (4,) measured; place: (3,) [m] as of `rule.Seen`; eyes: (c, 16);
+    tally: (3,) normalised innovation squared, used, gated.
+    """
     n, m, ny = P.shape[0], (x.shape[0] - POINTS) // 3, z.shape[0]
     index, used, start = rows_of(z, variance, m, eyes.shape[0], rule)
     nu = index.shape[0]
@@ -363,7 +385,8 @@ def correct(
 
 
 def absorb(x: np.ndarray, P: np.ndarray, T: np.ndarray, small: bool, rule: Rule, tally: np.ndarray) -> None:
-    """The state and its covariance with what T says, the factor of S with the whitened cross-covariance and innovation."""
+    """The state x (POINTS + 3 m,) and its covariance P (N, N) with what T says, the factor of S with the whitened cross-covariance and
+    innovation (nu, nu + N + 1); tally: (3,) as of `correct`."""
     n, nu = P.shape[0], T.shape[0]
     step = np.zeros(n)
     nis = 0.0
@@ -385,7 +408,7 @@ def absorb(x: np.ndarray, P: np.ndarray, T: np.ndarray, small: bool, rule: Rule,
 
 
 def run_loop(x: np.ndarray, P: np.ndarray, steps: Steps, seen: Seen, rule: Rule, record: Record) -> None:
-    """All epochs, `rule.Steps` and `rule.Seen`, into `rule.Record`; x and P end at the last one."""
+    """All epochs, `rule.Steps` and `rule.Seen`, into `rule.Record`; x (POINTS + 3 m,) and P (N, N) end at the last one."""
     dt, F, spin, noise, chaser = steps
     z, variance, attitude, place, eyes, group = seen
     mean, sigma, block, tally = record

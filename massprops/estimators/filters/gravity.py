@@ -9,6 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from massprops.dynamics.kernels import (
+    INNER,
+    NODES,
+    TOTAL,
     cross,
     differential_gravity,
     euler_acceleration,
@@ -22,7 +25,7 @@ from massprops.estimators.filters.rule import Carried, Step, Turn
 
 
 def slope_under_gravity(y: np.ndarray, six: Six, l: np.ndarray, mu: float, out: np.ndarray) -> None:
-    """Rates of y = (q 4, w 3, r 3, v 3) beside a chaser at l [m]."""
+    """Rates of y = (q 4, w 3 [rad/s], r 3 [m], v 3 [m/s]), (13,), into out (13,), beside a chaser at l (3,) [m]; mu [m^3/s^2]."""
     out[0], out[1], out[2], out[3] = quaternion_rate(y[0], y[1], y[2], y[3], y[4], y[5], y[6])
     torque = (0.0, 0.0, 0.0)
     out[7], out[8], out[9] = y[10], y[11], y[12]
@@ -40,16 +43,16 @@ def slope_under_gravity(y: np.ndarray, six: Six, l: np.ndarray, mu: float, out: 
 
 
 def move_under_gravity(y: np.ndarray, s: np.ndarray, dt: float, steps: int, chaser: np.ndarray) -> None:
-    """y = (q, w, r, v) a time dt later, in place, by Runge-Kutta steps of fourth order.
+    """y = (q, w, r, v), (13,), a time dt [s] later, in place, by Runge-Kutta steps of fourth order.
 
-    chaser: (10,) its place at the start, middle and end of the whole time [m], and mu [m^3/s^2].
+    s: (5,) inertia; chaser: (10,) its place at the start, middle and end of the whole time [m], and mu [m^3/s^2].
     """
     six = six_elements(s[0], s[1], s[2], s[3], s[4])
     k, z, l = np.empty((4, 13)), np.empty(13), np.empty(3)
     h = dt / steps
     for step in range(steps):
         for stage in range(4):
-            c = 0.0 if stage == 0 else (1.0 if stage == 3 else 0.5)
+            c = NODES[stage]
             u = (step + c) / steps
             for i in range(3):
                 l[i] = (
@@ -61,7 +64,7 @@ def move_under_gravity(y: np.ndarray, s: np.ndarray, dt: float, steps: int, chas
                 z[i] = y[i] + (c * h * k[max(stage - 1, 0), i] if stage > 0 else 0.0)
             slope_under_gravity(z, six, l, chaser[9], k[stage])
         for i in range(13):
-            y[i] += h / 6.0 * (k[0, i] + 2.0 * (k[1, i] + k[2, i]) + k[3, i])
+            y[i] += h / TOTAL * (k[0, i] + INNER * (k[1, i] + k[2, i]) + k[3, i])
         size = np.sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2] + y[3] * y[3])
         for i in range(4):
             y[i] /= size
@@ -99,7 +102,7 @@ def carried(
     step: Step,
     steps: int,
 ) -> Carried:
-    """As `prediction.carried`; the place from which the gradient is taken is that of the mean."""
+    """As `prediction.carried`, with its shapes; the place from which the gradient is taken is that of the mean."""
     y, s = np.empty(13), np.empty(INERTIA)
     for i in range(INERTIA):
         s[i] = x[RATIO + i] + g * U[j, nf + i]
@@ -112,7 +115,7 @@ def carried(
 
 
 def move_place(x: np.ndarray, F: np.ndarray, spin: np.ndarray, step: Step) -> None:
-    """As `prediction.move_place`, in gravity that is not linear in the distance from the chaser."""
+    """As `prediction.move_place`, with its shapes, in gravity that is not linear in the distance from the chaser."""
     y = np.zeros(13)
     y[0] = 1.0
     for i in range(6):

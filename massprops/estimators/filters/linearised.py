@@ -31,7 +31,8 @@ NEAR = 0.3
 
 
 def turn_mean(x: np.ndarray, centre: Carried, mean: np.ndarray, spin: np.ndarray, additive: bool) -> None:
-    """Rates and attitude: where the mean went to, to first order without the spread's part, then the chaser's turn."""
+    """Rates and attitude of x (POINTS + 3 m,): where the mean went to, to first order without the spread's part (mean (nf,) is not
+    used), then the chaser's turn, spin (4,)."""
     c0, c1, c2, c3, c4, c5, c6 = centre
     q = (c3, c4, c5, c6)
     if spin[1] != 0.0 or spin[2] != 0.0 or spin[3] != 0.0:
@@ -42,7 +43,7 @@ def turn_mean(x: np.ndarray, centre: Carried, mean: np.ndarray, spin: np.ndarray
 
 
 def whitened_step(step: np.ndarray, U: np.ndarray) -> np.ndarray:
-    """y with U^T y = step."""
+    """y (N,) with U^T y = step; step: (N,); U: (N or more, N) upper triangular."""
     n = step.shape[0]
     y = np.zeros(n)
     for i in range(n):
@@ -62,7 +63,11 @@ def nonlinearity(
     after: np.ndarray,
     change: np.ndarray,
 ) -> float:
-    """Largest difference, in sigmas, between a measurement predicted anew and its linear prediction."""
+    """Largest difference, in sigmas, between a measurement predicted anew and its linear prediction.
+
+    odd: (N or more, kept or more) derivatives along the rows of U; index, noise: (kept or more,); before, after: (ny,) predicted at the old
+    state and the new one; change: (N,) from one to the other along the rows of U.
+    """
     most = 0.0
     for c in range(kept):
         off = after[index[c]] - before[index[c]]
@@ -73,7 +78,7 @@ def nonlinearity(
 
 
 def most_near(value: np.ndarray, spread: np.ndarray, noise: np.ndarray, gate: float) -> bool:
-    """Whether at least half of the innovations (r,), of these variances and noises (r,), are within the gate."""
+    """Whether at least half of the innovations value (nu,), of variances spread and noise (nu,), are within the gate [sigma]."""
     bad = 0
     for c in range(value.shape[0]):
         if not value[c] * value[c] <= gate * gate * (spread[c] + noise[c]):
@@ -93,7 +98,7 @@ def correct(
     rule: Rule,
     tally: np.ndarray,
 ) -> None:
-    """One epoch's measurements, in place. tally: normalised innovation squared, used, gated."""
+    """As `correction.correct`, with its shapes."""
     n, m, ny = P.shape[0], (x.shape[0] - POINTS) // 3, z.shape[0]
     every, used, start = rows_of(z, variance, m, eyes.shape[0], rule)
     nu = every.shape[0]

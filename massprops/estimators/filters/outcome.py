@@ -29,7 +29,7 @@ def estimate_of(
     k_covariance = shape.by_k @ inertia_block @ np.swapaxes(shape.by_k, 1, 2)
     columns = body @ shape.axes
     known = np.isfinite(passage.points[:, 0])
-    found = Estimate(
+    estimate = Estimate(
         name=name,
         converged=False,
         observable=False,
@@ -60,11 +60,11 @@ def estimate_of(
         warnings=warnings,
     )
     finite = all(np.isfinite(x).all() for x in (run.w, run.q, run.k, last.P))
-    failed = verdict.failure(finite, found.used, found.gated, verdict.late_square(run.nis, run.used), shape.k[-1])
+    failed = verdict.failure(finite, estimate.used, estimate.gated, verdict.late_square(run.nis, run.used), shape.k[-1])
     if failed:
-        return verdict.concluded(found, failed, "")
-    weight = verdict.attitude_weight(problem, times, found, passage.points[known], run.used > 0)
-    return verdict.concluded(found, "", verdict.hidden(found, weight, float(setup.k_sigma.max())))
+        return verdict.concluded(estimate, failed, "")
+    weight = verdict.attitude_weight(problem, times, estimate, passage.points[known], run.used > 0)
+    return verdict.concluded(estimate, "", verdict.hidden(estimate, weight, float(setup.k_sigma.max())))
 
 
 @dataclass(frozen=True)

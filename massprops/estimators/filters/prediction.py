@@ -30,7 +30,7 @@ BEYOND = 1e9
 
 
 def perturbed(x: np.ndarray, g: float, U: np.ndarray, j: int, additive: bool) -> Turn:
-    """The attitude of a sigma point g along row j of U: turned, or with the four components added."""
+    """The attitude of a sigma point g along row j of U (nd or more, N) from x (POINTS + 3 m,): turned, or with the four components added."""
     q = (x[3], x[4], x[5], x[6])
     if additive:
         return unit(q[0] + g * U[j, 3], q[1] + g * U[j, 4], q[2] + g * U[j, 5], q[3] + g * U[j, 6])
@@ -38,7 +38,8 @@ def perturbed(x: np.ndarray, g: float, U: np.ndarray, j: int, additive: bool) ->
 
 
 def bounded(x: np.ndarray, P: np.ndarray, rule: Rule) -> None:
-    """Holds rates and covariance where a long time without measurements would take them past all meaning."""
+    """Holds the rates of x (POINTS + 3 m,) and the covariance P (N, N) where a long time without measurements would take them past all
+    meaning."""
     speed = np.sqrt(x[0] ** 2 + x[1] ** 2 + x[2] ** 2)
     if not speed <= FASTEST:
         for i in range(3):
@@ -64,7 +65,8 @@ def carried(
     step: Step,
     steps: int,
 ) -> Carried:
-    """Rates w and attitude q after a step (dt, chaser), with the inertia of x moved by g along row j of U, from column nf."""
+    """Rates w [rad/s] and attitude q after a step (dt [s], chaser (10,)), with the inertia of x (POINTS + 3 m,) moved by g along row j of
+    U (nd or more, N), from column nf."""
     return torque_free(w, q, inertia_of(x[RATIO] + g * U[j, nf], x[RATIO + 1] + g * U[j, nf + 1]), step[0], steps)
 
 
@@ -72,7 +74,7 @@ def pairs(
     x: np.ndarray, U: np.ndarray, step: Step, steps: int, rule: Rule, odd: np.ndarray, even: np.ndarray
 ) -> Carried:
     """Half differences and half sums of the sigma points' rates and attitudes a step later, into odd and even (nd, nf)
-    that come as zeros. Returns where the mean goes to: w 3, q 4."""
+    that come as zeros; x: (POINTS + 3 m,); U: (nd or more, N). Returns where the mean goes to: w 3, q 4."""
     nd, nf, gamma, additive = odd.shape[0], odd.shape[1], rule.gamma, rule.additive
     q = (x[3], x[4], x[5], x[6])
     centre = carried((x[0], x[1], x[2]), q, x, U, 0, nf, 0.0, step, steps)
@@ -105,7 +107,10 @@ def pairs(
 def turn_covariance(
     P: np.ndarray, U: np.ndarray, odd: np.ndarray, even: np.ndarray, mean: np.ndarray, excess: float
 ) -> None:
-    """The covariance of rates and attitude, and with all else, from the pairs; rows above the diagonal only."""
+    """The covariance of rates and attitude, and with all else, from the pairs, in P (N, N).
+
+    U: (nd or more, N); odd, even: (nd, nf) as of `pairs`; mean: (nf,) of the pairs; excess: weight of its square.
+    """
     n, nd, nf = P.shape[0], odd.shape[0], odd.shape[1]
     for a in range(nf):
         for b in range(a, nf):
@@ -124,7 +129,8 @@ def turn_covariance(
 
 
 def turn_mean(x: np.ndarray, centre: Carried, mean: np.ndarray, spin: np.ndarray, additive: bool) -> None:
-    """Rates and attitude: where the mean went to and the pairs' mean, then the chaser's turn on the left."""
+    """Rates and attitude of x (POINTS + 3 m,): where the mean went to and the pairs' mean (nf,), then the chaser's turn, spin (4,), on
+    the left."""
     c0, c1, c2, c3, c4, c5, c6 = centre
     if additive:
         q = unit(c3 + mean[3], c4 + mean[4], c5 + mean[5], c6 + mean[6])
@@ -138,7 +144,7 @@ def turn_mean(x: np.ndarray, centre: Carried, mean: np.ndarray, spin: np.ndarray
 
 
 def move_place(x: np.ndarray, F: np.ndarray, spin: np.ndarray, step: Step) -> None:
-    """Position and velocity by the transition F (6, 6)."""
+    """Position and velocity of x (POINTS + 3 m,) by the transition F (6, 6); spin: (4,); step: (dt [s], chaser (10,))."""
     old = np.empty(6)
     for i in range(3):
         old[i], old[3 + i] = x[POSITION + i], x[VELOCITY + i]
@@ -150,7 +156,7 @@ def move_place(x: np.ndarray, F: np.ndarray, spin: np.ndarray, step: Step) -> No
 
 
 def place_covariance(P: np.ndarray, F: np.ndarray, t: int) -> None:
-    """The covariance of position and velocity, whose errors begin at t, by the transition F (6, 6)."""
+    """The covariance of position and velocity, whose errors begin at t in P (N, N), by the transition F (6, 6)."""
     old = np.empty(6)
     for c in range(P.shape[0]):
         for j in range(6):
@@ -173,7 +179,10 @@ def place_covariance(P: np.ndarray, F: np.ndarray, t: int) -> None:
 def propagate(
     x: np.ndarray, P: np.ndarray, step: Step, F: np.ndarray, spin: np.ndarray, noise: np.ndarray, rule: Rule
 ) -> None:
-    """State and covariance after a step (dt, chaser), in place."""
+    """State x (POINTS + 3 m,) and covariance P (N, N) after a step (dt [s], chaser (10,)), in place.
+
+    F: (6, 6) of position and velocity; spin: (4,) on the left of q; noise: (N,) variance a second.
+    """
     dt, nd = step[0], leading(rule)
     nf = nd - INERTIA
     speed = np.sqrt(x[0] ** 2 + x[1] ** 2 + x[2] ** 2) + rule.gamma * np.sqrt(P[0, 0] + P[1, 1] + P[2, 2])

@@ -1,4 +1,8 @@
-"""What the compiled filter is given: the state as one vector, and which errors and channels there are."""
+"""What the compiled filter is given: the state as one vector, and which errors and channels there are.
+
+Sizes in its files: N errors, m features, c cameras; ny channels of an epoch, each in its own unit ([px], [px/s], [rad], [rad/s] or
+[m]), and nu of them that are measured; nd leading errors (`leading`), and nf of them without the inertia's.
+"""
 
 from __future__ import annotations
 

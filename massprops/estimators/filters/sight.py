@@ -15,7 +15,7 @@ def axes_in_reference(x: np.ndarray) -> Turn:
 
 
 def sight_of_sensors(h: np.ndarray, x: np.ndarray, mid: Turn, rule: Rule) -> None:
-    """Predicted attitude, as a turn from mid, rates and range, into h."""
+    """Predicted attitude, as a turn from mid [rad], rates [rad/s] and range [m] of x (POINTS + 3 m,), into h (ny,)."""
     o = 0
     if rule.attitude:
         s = axes_in_reference(x)
@@ -33,7 +33,10 @@ def sight_of_sensors(h: np.ndarray, x: np.ndarray, mid: Turn, rule: Rule) -> Non
 def sight(
     h: np.ndarray, used: np.ndarray, first: int, x: np.ndarray, eyes: np.ndarray, mid: Turn, still: bool, rule: Rule
 ) -> None:
-    """Predicted measurements from feature `first` on (and the sensors' when it is 0), into h."""
+    """Predicted measurements from feature `first` on (and the sensors' when it is 0), into h (ny,).
+
+    used: (m,) features that are measured; x: (POINTS + 3 m,); eyes: (c, 16) cameras; mid, still: as of `correction.sigma_rows`.
+    """
     if first == 0 and ahead(rule) > 0:
         sight_of_sensors(h, x, mid, rule)
     cams, flow, disparity = eyes.shape[0], rule.flow, rule.disparity

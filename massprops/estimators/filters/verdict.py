@@ -89,7 +89,7 @@ def track_weight(count: np.ndarray, size: float, pixel: float, distance: np.ndar
 
 
 def attitude_weight(
-    problem: Problem, times: np.ndarray, found: Estimate, features: np.ndarray, updated: np.ndarray
+    problem: Problem, times: np.ndarray, estimate: Estimate, features: np.ndarray, updated: np.ndarray
 ) -> np.ndarray:
     """(n,) one over the variance of the attitude that each epoch's measurements fix [rad^-2], 0 where there are none.
 
@@ -97,42 +97,47 @@ def attitude_weight(
         times: (n,) [s], of the found history; features: (m, 3) those filtered [m], none where tracks were not;
         updated: (n,) whether anything was measured, for what neither tracks nor attitudes show.
     """
-    assert found.sigma_attitude is not None
+    assert estimate.sigma_attitude is not None
     at = np.clip(np.searchsorted(problem.times, times - 1e-9), 0, len(problem.times) - 1)
-    if len(features) and found.position is not None:
+    if len(features) and estimate.position is not None:
         # a turn moves a point by its distance from the axis, two thirds of the square, and pixels show two axes of three
         size = float(np.sqrt(np.mean(np.sum((features - features.mean(axis=0)) ** 2, axis=1)) * 4 / 9))
         pixel = problem.alike * float(np.mean(problem.sigma_px)) / abs(float(problem.cameras[0].intrinsics[0]))
         count = np.minimum(problem.seen[at].sum(axis=(1, 2)), len(features) * len(problem.cameras))
-        return track_weight(count, size, pixel, np.linalg.norm(found.position, axis=1))
+        return track_weight(count, size, pixel, np.linalg.norm(estimate.position, axis=1))
     if problem.has_attitude:
         sigma = problem.sigma_attitude[at]
         good = np.isfinite(sigma) & (sigma > 0) & np.isfinite(problem.attitude[at, 0])
         return np.where(good, 1.0 / np.where(good, sigma, 1.0) ** 2, 0.0)
-    variance = np.mean(found.sigma_attitude**2, axis=1)
+    variance = np.mean(estimate.sigma_attitude**2, axis=1)
     return np.where(updated, 1.0 / np.maximum(variance, 1e-16), 0.0)
 
 
-def hidden(found: Estimate, weight: np.ndarray, before: float) -> str:
+def hidden(estimate: Estimate, weight: np.ndarray, before: float) -> str:
     """Why ratios or axes cannot be told from this motion; empty when they can.
 
     Args:
         weight: (n,) of `attitude_weight`; before: 1-sigma of k at the start.
     """
-    assert found.q is not None and found.w is not None and found.inertia is not None and found.sigma_k is not None
-    k, since = np.array([found.k1, found.k2], float), found.times[-1] - found.times[::-1]
+    assert (
+        estimate.q is not None
+        and estimate.w is not None
+        and estimate.inertia is not None
+        and estimate.sigma_k is not None
+    )
+    k, since = np.array([estimate.k1, estimate.k2], float), estimate.times[-1] - estimate.times[::-1]
     before = max(before, 1e-12)
     # from the end, where a filter's estimate is best: free motion runs backwards with the rates reversed
-    shown, dark = shown_by(since, weight[::-1], found.q[-1], -found.w[-1], found.inertia)
+    shown, dark = shown_by(since, weight[::-1], estimate.q[-1], -estimate.w[-1], estimate.inertia)
     return (
-        unlearnt(found.sigma_k, before)
+        unlearnt(estimate.sigma_k, before)
         or dark
-        or overconfident(found.sigma_k, shown, before)
-        or symmetric(np.abs(k) < DISTINCT_MOMENTS * found.sigma_k)
+        or overconfident(estimate.sigma_k, shown, before)
+        or symmetric(np.abs(k) < DISTINCT_MOMENTS * estimate.sigma_k)
     )
 
 
-def concluded(found: Estimate, failed: str, hidden: str) -> Estimate:
+def concluded(estimate: Estimate, failed: str, hidden: str) -> Estimate:
     """The estimate of a run that failed for one reason, or whose motion hides the ratios for another; '' for neither."""
-    found = replace(found, converged=not failed, observable=not hidden, reason=failed or hidden)
-    return without_ratios(found) if hidden else found
+    estimate = replace(estimate, converged=not failed, observable=not hidden, reason=failed or hidden)
+    return without_ratios(estimate) if hidden else estimate

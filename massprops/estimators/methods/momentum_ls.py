@@ -31,7 +31,7 @@ def estimate(problem: Problem, prior: Prior, start: Start | None) -> Estimate:
     if start is None or start.index is None or start.times[-1] < _last(problem):
         start = first_guess(problem)
     begun = time.process_time()
-    found = start.momentum
+    momentum = start.momentum
     covariance = start.covariance * (_widened(problem, start) / problem.alike**2)
     sigma = np.sqrt(np.maximum(np.einsum("nii->ni", covariance), 0.0))
     # turns about camera axes are what others compare
@@ -55,9 +55,9 @@ def estimate(problem: Problem, prior: Prior, start: Start | None) -> Estimate:
         gated=start.outliers,
         warnings=start.warnings,
     )
-    if found is not None:
-        motion = _with_inertia(motion, replace(found, covariance=_widened(problem, start) * found.covariance))
-        motion = replace(motion, halves=_halves(problem, start, found.inertia), memory_counted=True)
+    if momentum is not None:
+        motion = _with_inertia(motion, replace(momentum, covariance=_widened(problem, start) * momentum.covariance))
+        motion = replace(motion, halves=_halves(problem, start, momentum.inertia), memory_counted=True)
     spent = start.cpu_s + time.process_time() - begun
     return replace(motion, cpu_us_per_step=spent / max(len(start.times), 1) * 1e6)
 
@@ -77,31 +77,31 @@ def _halves(problem: Problem, start: Start, inertia: np.ndarray) -> Halves | Non
     for rows in (slice(0, middle), slice(middle, None)):
         block = None if start.block is None else start.block[rows]
         covariance = start.covariance[rows] if block is None else within(start.covariance[rows], block)
-        found = momentum_inertia(q[rows], start.w[rows], covariance, block, start.window, inertia)
-        if found is None or not judge(found).observable:
+        half = momentum_inertia(q[rows], start.w[rows], covariance, block, start.window, inertia)
+        if half is None or not judge(half).observable:
             return None
-        covered = _widened(problem, start) * max(1.0, found.square) * found.covariance
-        out.append((np.einsum("aij,ij->a", DIRECTIONS, found.inertia), covered))
+        covered = _widened(problem, start) * max(1.0, half.square) * half.covariance
+        out.append((np.einsum("aij,ij->a", DIRECTIONS, half.inertia), covered))
     return out[0], out[1]
 
 
-def _with_inertia(motion: Estimate, found: Momentum) -> Estimate:
-    judged = judge(found)
-    converged = bool(found.square < WORST_SQUARE)
+def _with_inertia(motion: Estimate, momentum: Momentum) -> Estimate:
+    judged = judge(momentum)
+    converged = bool(momentum.square < WORST_SQUARE)
     reason = judged.reason
     if not converged:
         reason = (
-            f"angular momentum is not conserved: residuals {np.sqrt(found.square):.1f} times their noise; "
+            f"angular momentum is not conserved: residuals {np.sqrt(momentum.square):.1f} times their noise; "
             "a torque acts, or the noise is larger than stated"
         )
     motion = replace(
-        motion, converged=converged, reason=reason, used=int(found.used.sum()), innovation=float(found.square)
+        motion, converged=converged, reason=reason, used=int(momentum.used.sum()), innovation=float(momentum.square)
     )
     if not judged.observable:
         return motion
-    k, axes = ratios(found.inertia)
+    k, axes = ratios(momentum.inertia)
     return replace(
-        motion, observable=True, k1=float(k[0]), k2=float(k[1]), k_covariance=judged.k_covariance, inertia=found.inertia,
+        motion, observable=True, k1=float(k[0]), k2=float(k[1]), k_covariance=judged.k_covariance, inertia=momentum.inertia,
         principal_axes=axes, axes_covariance=judged.axes_covariance,
     )  # fmt: skip
 

@@ -95,16 +95,16 @@ def _joined(
             gone = {"images": len(index[k]), "placement": k, "fits": True, "reason": TOO_COARSE}
             facts["unjoined"].append(gone)
             continue
-        found = register(shown[first][0], shown[k][0], job.seed)
-        said, R, t = _laid(job, shown[first], shown[k], found)
-        if drawn and not said.get("fits", True):
-            said, R, t = _laid_again(job, views, placements, {j: index[j] for j in (first, k)}, shown, found)
-        if "reason" in said:
-            facts["unjoined"].append({"images": len(index[k]), "placement": k, **said})
+        registration = register(shown[first][0], shown[k][0], job.seed)
+        entry, R, t = _laid(job, shown[first], shown[k], registration)
+        if drawn and not entry.get("fits", True):
+            entry, R, t = _laid_again(job, views, placements, {j: index[j] for j in (first, k)}, shown, registration)
+        if "reason" in entry:
+            facts["unjoined"].append({"images": len(index[k]), "placement": k, **entry})
         else:
             begin = sum(len(p[0]) for p in parts)
-            said["joint"]["views"] = [begin, begin + len(index[k]) - 1]
-            facts["joined"].append({"images": len(index[k]), **said})
+            entry["joint"]["views"] = [begin, begin + len(index[k]) - 1]
+            facts["joined"].append({"images": len(index[k]), **entry})
             parts.append((index[k], R, t, k))
     if len(parts) == 1:
         facts["support_plane"] = placements[first]["support_plane"]
@@ -200,7 +200,7 @@ def _settled(
     views: Views,
     parts: list[tuple[np.ndarray, np.ndarray, np.ndarray, int]],
     shown: dict[int, Placed],
-    said: list[dict[str, Any]],
+    entries: list[dict[str, Any]],
 ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, int]]:
     """The parts, and what is said of them, with those that outlines alone laid fitted once more to the silhouettes drawn again.
 
@@ -209,13 +209,13 @@ def _settled(
 
     Args:
         parts: of each joined placement its views, R and t that laid it onto the first, and its number.
-        shown: placements by their number; said: of `join.json`, `joint` is brought up to date.
+        shown: placements by their number; entries: of `join.json`, `joint` is brought up to date.
     """
     from massprops.surface.registration import settled, with_silhouettes
 
     now = [with_silhouettes(shown[k], views.take(m), _latest(job, views.take(m)), job.seed) for m, _, _, k in parts]
     out = parts[:1]
-    for (member, R, t, k), placed, facts in zip(parts[1:], now[1:], said[1:], strict=True):
+    for (member, R, t, k), placed, facts in zip(parts[1:], now[1:], entries[1:], strict=True):
         if not facts["features"] and not facts.get("alike"):
             R, t = settled(now[0], placed, R, t)
             facts["joint"]["about"] = (R @ placed.middle + t).tolist()
@@ -223,16 +223,16 @@ def _settled(
     return out
 
 
-def _said(found: Registration) -> dict[str, Any]:
+def _entry_of(registration: Registration) -> dict[str, Any]:
     """What `join.json` says of a registration."""
     return {
-        "outside_px": found.outside_px,
-        "own_px": found.own_px,
-        "rival_px": found.rival_px,
-        "colour_correlation": found.colour,
-        "rival_colour_correlation": found.rival_colour,
-        "colour_correlation_noise": found.colour_noise,
-        "symmetric": found.symmetric,
+        "outside_px": registration.outside_px,
+        "own_px": registration.own_px,
+        "rival_px": registration.rival_px,
+        "colour_correlation": registration.colour,
+        "rival_colour_correlation": registration.rival_colour,
+        "colour_correlation_noise": registration.colour_noise,
+        "symmetric": registration.symmetric,
     }
 
 
@@ -242,7 +242,7 @@ def _laid_again(
     placements: list[dict[str, Any]],
     index: dict[int, np.ndarray],
     shown: dict[int, tuple[Placed, Side]],
-    found: Registration,
+    registration: Registration,
 ) -> tuple[dict[str, Any], np.ndarray, np.ndarray]:
     """As `_laid`, of two placements that missed each other's silhouettes, by silhouettes that are drawn again from both shapes.
 
@@ -250,67 +250,73 @@ def _laid_again(
     drawn, too: a plain rock (Blender) laid rightly missed them by 2.2 px before and .5 px after, the next answer by 3.6 and 2.5.
 
     Args:
-        index: views of the placement laid onto and of the one that is laid, by their numbers; found: by the silhouettes before.
+        index: views of the placement laid onto and of the one that is laid, by their numbers; registration: by the silhouettes before.
     """
     from massprops.surface.registration import drawn_again, next_answer, with_silhouettes
 
     pair = tuple(index)
     trial, fits = replace(job, out=job.out / "trial"), []
-    for R, t in filter(None, ((found.R, found.t), next_answer(found))):
-        own = [views.take(index[k]) for k in pair]
-        _redrawn(trial, placements, [(own[0], np.eye(3), np.zeros(3), pair[0]), (own[1].moved(R, t), R, t, pair[1])])
-        now = [with_silhouettes(shown[k][0], v, _latest(trial, v), job.seed) for k, v in zip(pair, own, strict=True)]
+    for R, t in filter(None, ((registration.R, registration.t), next_answer(registration))):
+        pair_views = [views.take(index[k]) for k in pair]
+        _redrawn(
+            trial,
+            placements,
+            [(pair_views[0], np.eye(3), np.zeros(3), pair[0]), (pair_views[1].moved(R, t), R, t, pair[1])],
+        )
+        now = [
+            with_silhouettes(shown[k][0], v, _latest(trial, v), job.seed) for k, v in zip(pair, pair_views, strict=True)
+        ]
         fits.append((now[0], now[1], R, t))
         shutil.rmtree(trial.out, ignore_errors=True)
     base, other = ((placed, shown[k][1]) for placed, k in zip(fits[0][:2], pair, strict=True))
-    return _laid(job, base, other, drawn_again(found, fits))
+    return _laid(job, base, other, drawn_again(registration, fits))
 
 
 def _laid(
-    job: Job, base: tuple[Placed, Side], other: tuple[Placed, Side], found: Registration
+    job: Job, base: tuple[Placed, Side], other: tuple[Placed, Side], registration: Registration
 ) -> tuple[dict[str, Any], np.ndarray, np.ndarray]:
     """What is said of one placement's place on another, with a `reason` where it is not joined; and R and t.
 
     Args:
-        found: how they lie by their silhouettes.
+        registration: how they lie by their silhouettes.
     """
     from massprops.sfm.across import contradicted
     from massprops.surface.registration import overlap
 
-    laid = _by_features(base, other, found)
-    said = {**_said(found), "features": 0}
+    laid = _by_features(base, other, registration)
+    entry = {**_entry_of(registration), "features": 0}
     alike = False
-    if found.turned is not None and _only_alike(base, other, found, laid):
+    if registration.turned is not None and _only_alike(base, other, registration, laid):
         # it was turned to be seen from below
-        alike, found, laid = True, found.turned, None
-        said = {**_said(found), "features": 0, "alike": True}
-    if laid is None and not found.clear:
-        return {**said, "fits": found.fits, "reason": _reason(found)}, found.R, found.t
-    R, t = (found.R, found.t) if laid is None else (laid.R, laid.t)
+        alike, registration, laid = True, registration.turned, None
+        entry = {**_entry_of(registration), "features": 0, "alike": True}
+    if laid is None and not registration.clear:
+        return {**entry, "fits": registration.fits, "reason": _reason(registration)}, registration.R, registration.t
+    R, t = (registration.R, registration.t) if laid is None else (laid.R, laid.t)
     # features of a body that looks alike from below have spoken for a wrong turn
-    if laid is None and not (found.unpainted or alike):
+    if laid is None and not (registration.unpainted or alike):
         laid = _on_both_shapes(base[1], other[1], R, t)
     # of a body of revolution another turn of the same body may have been taken, whose paint and features are elsewhere
-    exact = laid is not None or not (found.symmetric or found.unpainted or alike)
+    exact = laid is not None or not (registration.symmetric or registration.unpainted or alike)
     if exact and contradicted(base[1], other[1], R, t, overlap(base[0], other[0], R, t)):
-        return {**said, "fits": True, "reason": LOOKS_ALIKE}, R, t
+        return {**entry, "fits": True, "reason": LOOKS_ALIKE}, R, t
     if alike:
         job.warn(ALIKE)
     if laid is not None:
-        said |= {
+        entry |= {
             "features": laid.tracks,
             "feature_matches": laid.matches,
             "feature_matches_by_chance": laid.chance,
             "features_rms_px": laid.rms_px,
         }
-        said["joint"] = {"about": laid.about.tolist(), "covariance": laid.covariance.tolist()}
-        return said, laid.R, laid.t
-    about = found.R @ other[0].middle + found.t
-    said["joint"] = {"about": about.tolist(), "covariance": found.covariance.tolist()}
-    return said, found.R, found.t
+        entry["joint"] = {"about": laid.about.tolist(), "covariance": laid.covariance.tolist()}
+        return entry, laid.R, laid.t
+    about = registration.R @ other[0].middle + registration.t
+    entry["joint"] = {"about": about.tolist(), "covariance": registration.covariance.tolist()}
+    return entry, registration.R, registration.t
 
 
-def _by_features(base: tuple[Placed, Side], other: tuple[Placed, Side], found: Registration) -> Laid | None:
+def _by_features(base: tuple[Placed, Side], other: tuple[Placed, Side], registration: Registration) -> Laid | None:
     """One placement laid onto another by features; None where too few match, or where they are of light and shade.
 
     Where outlines and paint are clear, features that match elsewhere are held against those that match where these say, on the shapes of
@@ -318,21 +324,21 @@ def _by_features(base: tuple[Placed, Side], other: tuple[Placed, Side], found: R
     one; on both shapes it was 132 with the wrong one, 32 by chance, and 184 with the right one, 24 by chance.
 
     Args:
-        found: how they lie by outlines and paint.
+        registration: how they lie by outlines and paint.
     """
     from massprops.sfm.across import lay
     from massprops.surface.registration import outlines_exclude
 
-    if found.unpainted:
+    if registration.unpainted:
         # 509 matches of a plain rock (Blender), three times those by chance, laid it 1.4 degrees off where its outlines were 0.1 off
         return None
-    laid = lay(base[1], other[1], found.candidates, anywhere=not found.clear)
-    if laid is None or not found.is_clearly_not(laid.R):
+    laid = lay(base[1], other[1], registration.candidates, anywhere=not registration.clear)
+    if laid is None or not registration.is_clearly_not(laid.R):
         return laid
-    if outlines_exclude(base[0], other[0], found, laid.R, laid.t):
+    if outlines_exclude(base[0], other[0], registration, laid.R, laid.t):
         # two sides of one pattern
-        return lay(base[1], other[1], found.candidates[:1], anywhere=False)
-    there = _on_both_shapes(base[1], other[1], found.R, found.t)
+        return lay(base[1], other[1], registration.candidates[:1], anywhere=False)
+    there = _on_both_shapes(base[1], other[1], registration.R, registration.t)
     if there is None:
         return laid
     here = _on_both_shapes(base[1], other[1], laid.R, laid.t)
@@ -346,21 +352,23 @@ def _on_both_shapes(base: Side, other: Side, R: np.ndarray, t: np.ndarray) -> La
     return lay(base.beside(other, R, t), other.beside(base, R.T, -R.T @ t), [(R, t)], anywhere=False)
 
 
-def _only_alike(base: tuple[Placed, Side], other: tuple[Placed, Side], found: Registration, laid: Laid | None) -> bool:
+def _only_alike(
+    base: tuple[Placed, Side], other: tuple[Placed, Side], registration: Registration, laid: Laid | None
+) -> bool:
     """Whether a placement was laid so that both show the same side of the body, while what they show only looks alike."""
     from massprops.sfm.across import same_surface
     from massprops.surface.registration import same_side
 
-    R, t = (found.R, found.t) if laid is None else (laid.R, laid.t)
+    R, t = (registration.R, registration.t) if laid is None else (laid.R, laid.t)
     return same_side(base[0], other[0], R) and not same_surface(base[1], other[1], R, t)
 
 
-def _reason(found: Registration) -> str:
+def _reason(registration: Registration) -> str:
     """Why a placement is not joined."""
-    if found.fits:
+    if registration.fits:
         return "two ways of turning it fit equally well"
     return (
-        f"however it is turned, its points fall {found.outside_px:.1f} px outside the other's silhouettes: another "
+        f"however it is turned, its points fall {registration.outside_px:.1f} px outside the other's silhouettes: another "
         "object, or too little of it was measured"
     )
 

@@ -119,19 +119,19 @@ def _camera(footage: FootageRecord, camera: SolvedCamera) -> dict[str, Any]:
     }
 
 
-def _shutter(found: Shutter) -> dict[str, Any]:
+def _shutter(shutter: Shutter) -> dict[str, Any]:
     """`shutter` of `sfm.json`: `readout` in frames, from the first row (or column) to the last."""
-    if found.readout is None:
-        return {"state": found.state}
+    if shutter.readout is None:
+        return {"state": shutter.state}
     return {
-        "state": found.state,
-        "readout": found.readout.duration,
-        "sigma": found.sigma,
-        "along": "rows" if found.readout.axis == 1 else "columns",
-        "moved_px": found.moved_px,
-        "held_out_px": list(found.held_out_px),
-        "said": found.said(),
-        "doubtful": found.doubtful,
+        "state": shutter.state,
+        "readout": shutter.readout.duration,
+        "sigma": shutter.sigma,
+        "along": "rows" if shutter.readout.axis == 1 else "columns",
+        "moved_px": shutter.moved_px,
+        "held_out_px": list(shutter.held_out_px),
+        "said": shutter.said(),
+        "doubtful": shutter.doubtful,
     }
 
 

@@ -377,16 +377,16 @@ def _placement(
     support = None if known is None else np.array(known)
     turning = _turns(json.loads((job.work("capture") / "footage.json").read_text()))
     object_ = find_object(scene, pointed, whole or job.options.keep_support, job.seed, support, turning)
-    found = object_.split
+    split = object_.split
     if object_.narrow_ledge:
         job.warn(
             "a narrow flat ledge of the object's own colour runs all about it and is taken for a part of it: if it is a stand, "
             "give --object X,Y with a pixel above the ledge"
         )
     job.progress(0, 1, "first shape")
-    vertices, faces, hidden = _first_shape(job, views, cloud, found, region)
-    own, other = cloud.take(np.flatnonzero(found.member)), cloud.take(np.flatnonzero(found.other))
-    own_colour = colour[found.member]
+    vertices, faces, hidden = _first_shape(job, views, cloud, split, region)
+    own, other = cloud.take(np.flatnonzero(split.member)), cloud.take(np.flatnonzero(split.other))
+    own_colour = colour[split.member]
     folder = placement_folder(job.out, number)
     folder.mkdir(exist_ok=True)
     if hidden is not None:
@@ -396,23 +396,23 @@ def _placement(
     np.savez(folder / "shape.npz", vertices=vertices, faces=faces)
     own.save(folder / "object.npz")
     np.save(folder / "colour.npy", own_colour)
-    np.save(folder / "other_colour.npy", colour[found.other])
+    np.save(folder / "other_colour.npy", colour[split.other])
     other.save(folder / "other.npz")
     return {
         "method": "measured" if hidden is None else "hides its support",
         "readings": _readings(job, scene, object_.readings, number),
-        "support_plane": None if found.plane is None else found.plane.tolist(),
+        "support_plane": None if split.plane is None else split.plane.tolist(),
         "support_rise": None
-        if found.plane is None
-        else least_rise(cloud.xyz, cloud.normal, found.plane, region, pixel),
+        if split.plane is None
+        else least_rise(cloud.xyz, cloud.normal, split.plane, region, pixel),
         "object_points": len(own),
-        "other_points": int(found.other.sum()),
+        "other_points": int(split.other.sum()),
         "region_radius": region.radius,
     }
 
 
 def _first_shape(
-    job: Job, views: Views, cloud: Cloud, found: OnSupport, region: Region
+    job: Job, views: Views, cloud: Cloud, split: OnSupport, region: Region
 ) -> tuple[np.ndarray, np.ndarray, Occlusion | None]:
     """Vertices and faces of the shape that stereo has measured, or of what hides its support, and then where that is.
 
@@ -422,20 +422,20 @@ def _first_shape(
     from massprops.capture.occlusion import hidden_shape, support_agreement
 
     try:
-        vertices, faces = _measured_shape(job, views, cloud, found)
+        vertices, faces = _measured_shape(job, views, cloud, split)
     except NotPossible as error:
-        if found.plane is None:
+        if split.plane is None:
             raise
-        maps = _occlusion(job, views, cloud, found.plane, region)
-        hidden = hidden_shape(views, maps, found.plane, region)
+        maps = _occlusion(job, views, cloud, split.plane, region)
+        hidden = hidden_shape(views, maps, split.plane, region)
         if hidden is None:
             raise error
         return hidden.vertices, hidden.faces, maps
-    if found.plane is not None:
-        maps = _occlusion(job, views, cloud, found.plane, region)
+    if split.plane is not None:
+        maps = _occlusion(job, views, cloud, split.plane, region)
         agrees = support_agreement(views, maps, vertices, faces)
         if agrees < WHOLE:
-            hidden = _hidden_whole(views, maps, found.plane, region, (vertices, faces), cloud.xyz[found.member])
+            hidden = _hidden_whole(views, maps, split.plane, region, (vertices, faces), cloud.xyz[split.member])
             if hidden is not None and support_agreement(views, maps, hidden.vertices, hidden.faces) > agrees + WHOLLY:
                 return hidden.vertices, hidden.faces, maps
     return vertices, faces, None
@@ -458,17 +458,17 @@ def _hidden_whole(
     return hidden_shape(views, hidden_by(views, maps, *measured), plane, region)
 
 
-def _measured_shape(job: Job, views: Views, cloud: Cloud, found: OnSupport) -> tuple[np.ndarray, np.ndarray]:
+def _measured_shape(job: Job, views: Views, cloud: Cloud, split: OnSupport) -> tuple[np.ndarray, np.ndarray]:
     """Vertices and faces of the shape that stereo has measured."""
     from massprops.surface.reconstruct import Fill, reconstruct_surface
 
-    if found.member.sum() < LEAST_POINTS:
-        what = "nothing stands out" if found.plane is None else "nothing rises from the plane"
+    if split.member.sum() < LEAST_POINTS:
+        what = "nothing stands out" if split.plane is None else "nothing rises from the plane"
         raise NotPossible(
             f"{what} where the cameras look: keep the object in the middle of the images, give it texture or side light, "
             "or give its silhouettes with --masks"
         )
-    own, other = cloud.take(np.flatnonzero(found.member)), cloud.take(np.flatnonzero(found.other))
+    own, other = cloud.take(np.flatnonzero(split.member)), cloud.take(np.flatnonzero(split.other))
     surface = reconstruct_surface(
         views,
         [],
@@ -476,7 +476,7 @@ def _measured_shape(job: Job, views: Views, cloud: Cloud, found: OnSupport) -> t
         POINTS,
         job.seed,
         job.progress,
-        found.plane,
+        split.plane,
         moving=False,
         surroundings=other,
         fill=Fill(pull=0.0),
