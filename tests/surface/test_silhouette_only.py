@@ -10,6 +10,7 @@ import pytest
 import trimesh
 from synthetic_dense import cameras, observe, sphere_directions
 
+from massprops.geometry.rasterise import silhouette
 from massprops.mass.integrals import mesh_integrals
 from massprops.surface import silhouette_only
 from massprops.surface.cloud import Cloud
@@ -124,3 +125,38 @@ def test_what_a_mesh_misses_nearly_all_of_is_asked_on_fewer_rays(monkeypatch: py
     found = silhouette_only_space(block, views, list(masks), hull, 0.01, 0)
     assert sum(map(len, asked)) < every / 3
     assert found is not None and found.inside[:, 0].max() > 1.0
+
+
+def test_a_boom_that_was_not_lit_in_many_images_is_shown_by_the_others() -> None:
+    views, _, masks = footage()
+    hull, block = make_hull(views, list(masks), np.zeros((1, 3))), (np.asarray(BLOCK.vertices), np.asarray(BLOCK.faces))
+    dark = range(0, len(views), 3)
+    seen = list(masks)
+    for i in dark:
+        drawn = silhouette(*block, views.K[i], views.R[i], views.t[i], masks[i].shape[::-1])
+        seen[i] = np.where(drawn, masks[i], 0).astype(np.uint8)
+    lit = silhouette_only.lit_at_times(block, views, seen, hull, 0.02)
+    middle = np.array([0.8, 0.1, 0.1])
+    assert len(lit) > 30 and np.abs(lit - middle).max() < 0.5
+    assert np.linalg.norm((lit - middle)[:, 1:], axis=1).max() < 0.12
+    spared = silhouette_only.spare_where_dark(views, seen, lit)
+    missed = [
+        np.mean(s[(m == 255) & (b == 0)] == 0) for s, m, b in zip(spared, masks, seen, strict=True) if (m != b).any()
+    ]
+    assert missed and np.median(missed) < 0.2
+    for i in set(range(len(views))) - set(dark):
+        np.testing.assert_array_equal(spared[i], seen[i])
+    whole = np.asarray(WHOLE.vertices), np.asarray(WHOLE.faces)
+    assert not len(silhouette_only.lit_at_times(whole, views, seen, hull, 0.02))
+
+
+def test_what_few_images_show_is_no_part() -> None:
+    views, _, masks = footage()
+    hull, block = make_hull(views, list(masks), np.zeros((1, 3))), (np.asarray(BLOCK.vertices), np.asarray(BLOCK.faces))
+    seen = [
+        np.where(silhouette(*block, views.K[i], views.R[i], views.t[i], m.shape[::-1]), m, 0).astype(np.uint8)
+        if i % 6
+        else m
+        for i, m in enumerate(masks)
+    ]
+    assert not len(silhouette_only.lit_at_times(block, views, seen, hull, 0.02))

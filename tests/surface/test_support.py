@@ -63,7 +63,19 @@ def test_walls_below_an_overhang_go_with_the_film_that_spans_them() -> None:
     np.testing.assert_allclose(found[below, 2], -0.1, atol=0.02)
 
 
-def test_a_few_outliers_do_not_hold_a_film() -> None:
+def test_a_film_that_dents_a_wall_goes_its_share_of_the_way() -> None:
+    """A jug's plain wall, of which rims alone were measured: the film between them is as thin as an hourglass, and looks down where it widens."""
+    side = np.column_stack([np.ones(41), np.linspace(-1, 1, 41)])
+    jug = trimesh.creation.revolve(np.concatenate([[[0, -1]], side, [[0, 1]]]), sections=16)
+    vertices, faces = np.array(jug.vertices), np.array(jug.faces)
+    wall = np.abs(vertices[:, 2]) < 0.9
+    found = _hollow(vertices, faces, ~wall, np.array([0.0, 0.0, 1.0, 2.0]), 0.5)
+    film = _hollow(vertices, faces, ~wall, None, 1.0)
+    np.testing.assert_allclose(found[wall], 0.5 * (vertices + film)[wall], atol=1e-9)
+    assert np.hypot(*film[wall][:, :2].T).min() < 0.7
+
+
+def test_groups_of_a_few_are_told() -> None:
     plate = trimesh.creation.box((2.0, 2.0, 0.2)).subdivide().subdivide().subdivide()
     vertices, faces = np.array(plate.vertices), np.array(plate.faces)
     fixed = vertices[:, 2] > -0.09

@@ -413,7 +413,35 @@ def _surface(
     moving: bool,
     balance: Balance | None,
 ) -> tuple[Surface, list[np.ndarray]]:
-    """The closed surface; of outlines alone where the points carry none and the object's place is known. And its masks.
+    """The closed surface, and its masks; arguments as of `_closed`.
+
+    Where it misses a part of a body before a black sky that silhouettes show when it is lit, it is made again without the sky that was seen
+    there when it was not.
+    """
+    from massprops.surface.silhouette_only import lit_at_times, spare_where_dark
+
+    surface, masks = _closed(job, seen, clouds, place, moving, balance)
+    views, _, grey = seen
+    if not grey or not surface.observed.any():
+        return surface, masks
+    lit = lit_at_times((surface.vertices, surface.faces), views, masks, surface.hull, surface.spacing)
+    if not len(lit):
+        return surface, masks
+    spared = spare_where_dark(views, masks, lit)
+    again, spared = _closed(job, (views, spared, grey), clouds, place, moving, balance)
+    near, far = (lost_share(s.vertices, lit, FAR * surface.spacing) for s in (again, surface))
+    return (again, spared) if near < far else (surface, masks)
+
+
+def _closed(
+    job: Job,
+    seen: tuple[Views, list[np.ndarray], list[np.ndarray]],
+    clouds: tuple[Cloud, Cloud],
+    place: dict[str, Any],
+    moving: bool,
+    balance: Balance | None,
+) -> tuple[Surface, list[np.ndarray]]:
+    """A closed surface; of outlines alone where the points carry none and the object's place is known. And its masks.
 
     Args:
         seen: views, their masks, and their images where a body is before black sky, else none.
