@@ -41,6 +41,8 @@ MOST = 6000
 LIT_VIEWS, LIT_OVER_SKY = 0.2, 1.5
 """Share of the views in which a silhouette shows a part that the mesh misses, and over those in which sky is there: places on the boom of a body in
 foil lie on its silhouette in 30 to 61 of 85 views and on sky in 0 to 33, places off it in up to 17 of either."""
+LIT_SPACING, LIT_SAMPLE = 2, 4
+"""Distance between places that are looked at, in spacings of the mesh, and of which views a sample is asked first."""
 DARK_PIXELS = 3
 """Distance from a silhouette from which on a part is not lit, and about which sky is no evidence [px]."""
 MOST_LOOKED_AT = 4_000_000
@@ -116,13 +118,22 @@ def lit_at_times(
     Args:
         as of `silhouette_only_space`.
     """
-    maps, places = _rays_that_meet_nothing(mesh, views, masks, hull, spacing, SHARP_EDGE)
+    from scipy.spatial import cKDTree
+
+    maps, places = _rays_that_meet_nothing(mesh, views, masks, hull, LIT_SPACING * spacing, SHARP_EDGE)
     xyz = np.concatenate([np.zeros((0, 3)), *places])
+    some = np.arange(0, len(masks), LIT_SAMPLE)
+    xyz = xyz[_views_showing(views.take(some), [maps[i] for i in some], xyz) >= 0.5 * LIT_VIEWS * len(some)]
     shown = _views_showing(views, maps, xyz)
     often = shown >= LIT_VIEWS * len(masks)
     xyz, shown = xyz[often], shown[often]
     xyz = xyz[shown > LIT_OVER_SKY * _views_showing(views, [mask == 0 for mask in masks], xyz)]
-    return xyz if len(xyz) and _protrudes(xyz, mesh[0], PROTRUDES * _extent(mesh)) else xyz[:0]
+    away, reach = cKDTree(mesh[0]).query(xyz)[0], PROTRUDES * _extent(mesh)
+    if np.count_nonzero(away > reach) < LEAST_RAYS:
+        return xyz[:0]
+    # rims of the body are shown, too
+    root = cKDTree(xyz[away > reach]).query(xyz)[0] < reach
+    return xyz[root & (away > EDGE * hull.pixel)]
 
 
 def spare_where_dark(views: Views, masks: list[np.ndarray], xyz: np.ndarray) -> list[np.ndarray]:
