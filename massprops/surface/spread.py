@@ -27,7 +27,7 @@ The greatest length of each replicate is kept beside its integrals, since it is 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -97,6 +97,7 @@ class ErrorSources:
         never_lit: what was not measured was never seen lit: the body turns, and the Sun stands.
         balanced: how far that reaches was chosen by the centre of mass that the motion shows.
         joints: of placements that were joined.
+        shown: (k, 3) places that silhouettes show at times, of a part whose end the mesh may miss.
     """
 
     focal: float = 0.0
@@ -104,6 +105,7 @@ class ErrorSources:
     never_lit: bool = False
     balanced: bool = False
     joints: Sequence[Joint] = ()
+    shown: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
 
 
 def replicates(
@@ -161,7 +163,7 @@ def replicates(
     for joint in sources.joints:
         add(joint.drawn(count, rng), _carried(surface, joint))
 
-    lengths += _of_ends(surface, ends, count, rng, sources.never_lit)
+    lengths += _of_ends(surface, ends, count, rng, sources)
     size = np.hypot(sources.focal, drift / float(np.sqrt(mesh[0].var(axis=0).sum())))
     strain = _strains(size, count, rng)
     lengths *= 1 + np.einsum("rij,i,j->r", strain, ends.direction, ends.direction)
@@ -293,9 +295,11 @@ class _Ends(NamedTuple):
     foot: np.ndarray
 
 
-def _of_ends(surface: Surface, ends: _Ends, count: int, rng: np.random.Generator, free: bool) -> np.ndarray:
+def _of_ends(surface: Surface, ends: _Ends, count: int, rng: np.random.Generator, sources: ErrorSources) -> np.ndarray:
     """(count,) how much longer the body may be. Each end is one vertex, as uncertain as the points about it, that of a still object as
-    a rim; that of a free body may be a tip which stereo did not measure, where the silhouettes leave room for it beside their own margin."""
+    a rim; that of a free body may be a tip which stereo did not measure, where the silhouettes leave room for it beside their own margin, or
+    show it when it is lit."""
+    free = sources.never_lit
     sigma = float(np.hypot(np.median(surface.cloud.sigma), 0.0 if free else END_PIXELS * surface.hull.pixel))
     out: np.ndarray = sigma * np.sqrt(2.0) * rng.standard_normal(count)
     if ends.foot.any():
@@ -303,7 +307,10 @@ def _of_ends(surface: Surface, ends: _Ends, count: int, rng: np.random.Generator
     if free:
         outward = np.array([-ends.direction, ends.direction])
         room = np.where(ends.measured, 0.0, surface.hull.room(ends.place, outward, 0.5 * ends.length))
-        out += rng.random((count, 2)) @ np.maximum(room - SILHOUETTE_MARGIN * surface.hull.pixel, 0.0)
+        room = room - SILHOUETTE_MARGIN * surface.hull.pixel
+        if len(sources.shown):
+            room = np.maximum(room, [np.max((sources.shown - p) @ d) for p, d in zip(ends.place, outward, strict=True)])
+        out += rng.random((count, 2)) @ np.maximum(room, 0.0)
     return out
 
 

@@ -11,6 +11,7 @@ import trimesh
 from surface.synthetic_dense import cameras, observe, sphere_directions
 
 from massprops.geometry.rasterise import silhouette
+from massprops.surface.length import model_length
 from massprops.surface.outline_gaps import Gaps, outline_gaps
 from massprops.surface.reconstruct import Surface, reconstruct_surface
 from massprops.surface.silhouette import agreement, make_hull
@@ -134,6 +135,20 @@ def test_the_ends_of_a_still_object_are_less_known(measured: tuple[Surface, int]
     surface, views = measured
     free, still = (np.std(replicates(surface, views, ErrorSources(never_lit=lit))[1]) for lit in (True, False))
     assert np.sqrt(max(still**2 - free**2, 0.0)) > 2.0 * surface.hull.pixel
+
+
+def test_a_body_may_be_as_long_as_it_is_shown_at_times(measured: tuple[Surface, int]) -> None:
+    surface, views = measured
+    _, first, last = model_length(surface.vertices, surface.faces, surface.observed)
+    way = surface.vertices[last] - surface.vertices[first]
+    shown = surface.vertices[last] + 20.0 * surface.hull.pixel * way / np.linalg.norm(way)
+    alone, (rows, lengths) = (
+        replicates(surface, views, ErrorSources(never_lit=True, shown=places))
+        for places in (np.zeros((0, 3)), shown[None])
+    )
+    np.testing.assert_array_equal(rows, alone[0])
+    longer = np.quantile(lengths, 0.95) - np.quantile(alone[1], 0.95)
+    assert 15.0 < longer / surface.hull.pixel < 20.0
 
 
 def test_what_was_never_lit_is_expected_further_in() -> None:

@@ -111,7 +111,7 @@ def run(job: Job) -> dict[str, Any]:
         masks = spare_unlit(views, masks, grey, cloud, job.seed)
     moving = free or bool(footage["masks_given"])
     balance = _balance(views, cloud, footage) if grey and len(cloud) else None
-    surface, masks = _surface(job, (views, masks, grey), (cloud, table), place, moving, balance)
+    surface, masks, lit = _surface(job, (views, masks, grey), (cloud, table), place, moving, balance)
     # what turns in the light changes on every side from view to view
     shown = [] if free else _grey(job, views)
     surface = _by_images(surface, views, shown, masks, place) if footage["motion"] == "static" else surface
@@ -120,7 +120,7 @@ def run(job: Job) -> dict[str, Any]:
     surface, holes = _opened(surface, views, shown) if shown else (surface, NO_HOLES)
     gaps = _outline_gaps(surface, views, masks, free, bool(grey))
     sources = ErrorSources(
-        _focal_sigma(job), gaps, free, balance is not None and surface.fill is not None, _joints(place)
+        _focal_sigma(job), gaps, free, balance is not None and surface.fill is not None, _joints(place), lit
     )
     rows, lengths = by_shape = replicates(surface, len(views), sources, seed=job.seed)
     body = integrals_of_body(surface.vertices, surface.faces)
@@ -412,8 +412,9 @@ def _surface(
     place: dict[str, Any],
     moving: bool,
     balance: Balance | None,
-) -> tuple[Surface, list[np.ndarray]]:
-    """The closed surface, and its masks; arguments as of `_closed`.
+) -> tuple[Surface, list[np.ndarray], np.ndarray]:
+    """The closed surface, its masks, and the places (k, 3) of parts that are lit at times and that it missed at first; arguments as of
+    `_closed`.
 
     Where it misses a part of a body before a black sky that silhouettes show when it is lit, it is made again without the sky that was seen
     there when it was not.
@@ -423,14 +424,14 @@ def _surface(
     surface, masks = _closed(job, seen, clouds, place, moving, balance)
     views, _, grey = seen
     if not grey or not surface.observed.any():
-        return surface, masks
+        return surface, masks, np.zeros((0, 3))
     lit = lit_at_times((surface.vertices, surface.faces), views, masks, surface.hull, surface.spacing)
     if not len(lit):
-        return surface, masks
+        return surface, masks, lit
     spared = spare_where_dark(views, masks, lit)
     again, spared = _closed(job, (views, spared, grey), clouds, place, moving, balance)
     near, far = (lost_share(s.vertices, lit, FAR * surface.spacing) for s in (again, surface))
-    return (again, spared) if near < far else (surface, masks)
+    return (again, spared, lit) if near < far else (surface, masks, lit)
 
 
 def _closed(
