@@ -87,9 +87,11 @@ def _less_contradicted(
         other = _grown(whole, replace(given, work=work), False, first)[0]
     except NotPossible:
         other = None
-    if other is None or other.num_reg_images() < model.num_reg_images():
-        other = model
-    if contradictions(other, first).share < against:
+    if (
+        other is not None
+        and other.num_reg_images() >= model.num_reg_images()
+        and contradictions(other, first).share < against
+    ):
         return other
     shutil.copy(before, database)
     return model
