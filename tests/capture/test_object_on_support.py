@@ -103,3 +103,21 @@ def test_wrong_points_below_the_table_are_neither(seed: int) -> None:
     found = split(xyz, normal, plane, region, PIXEL)
     deep = xyz[:, 2] < -0.03
     assert not found.member[deep].any() and not found.other[deep].any()
+
+
+@pytest.mark.parametrize("apart", [0.05, 0.3])
+def test_what_hangs_in_the_air_belongs_to_the_object_beside_it(apart: float) -> None:
+    """Stereo did not measure the plain middle of a thing; a thing of its own, as near, begins on the table."""
+    rng = np.random.default_rng(3)
+    own = box(rng, 6000, np.array([0.1, 0.1, 0.12]), np.array([0, 0, 0.12]))
+    beside = np.array([0.15 + apart, 0, 0])
+    above = box(rng, 2000, np.array([0.05, 0.1, 0.05]), beside + [0, 0, 0.2])
+    standing = box(rng, 2000, np.array([0.05, 0.1, 0.1]), [0, -0.25, 0.1])
+    ground = table(rng)
+    xyz, normal = scene(ground, own, above, standing)
+    region = Region(np.array([0.02, -0.01, 0.1]), 1.0)
+    found = split(xyz, normal, np.array([0.0, 0.0, 1.0, 0.0]), region, PIXEL)
+    n = len(ground[0]) + 6000
+    held = found.member[n : n + 2000].mean()
+    assert held > 0.98 if apart == 0.05 else held == 0.0
+    assert not found.member[n + 2000 :].any() and found.other[n + 2000 :].mean() > 0.9
