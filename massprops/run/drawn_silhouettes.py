@@ -12,6 +12,7 @@ from massprops.capture.before import hidden_share
 from massprops.capture.from_shape import (
     Paint,
     Trimap,
+    alike,
     beyond_band,
     far_from,
     refine,
@@ -140,12 +141,13 @@ def drawn_silhouette(image: np.ndarray, views: Views, i: int, shown: Visible) ->
     far = far_from(depth)
     colours = np.concatenate([shown.other_colour[ahead], shown.own_colour])
     seen = shows_points(image, np.concatenate([uv, at]), colours, far)
-    known = trimap(depth, uv, z, seen[: len(uv)], shown.closed)
+    evidence = None if shown.support is None else shown.support.log_odds(views, i, image)
+    perhaps = None if shown.painted is None or evidence is None else alike(image, shown.painted, evidence)
+    known = trimap(depth, uv, z, seen[: len(uv)], shown.closed, perhaps)
     if shown.measured is not None:
         # what the votes of all images put to the shape is a hull, and no point of it is sure
         sure = np.isfinite(rasterise(shown.vertices, shown.measured, K, R, t, size)[0])
         known = replace(known, surely=known.surely & sure)
-    evidence = None if shown.support is None else shown.support.log_odds(views, i, image)
     if evidence is not None:
         # a table shines, so that far off the shape nothing needs to stand where it looks different
         far = beyond_band(known.drawn)

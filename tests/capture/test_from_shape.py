@@ -8,6 +8,8 @@ import pytest
 
 from massprops.capture.from_shape import (
     Paint,
+    agreement,
+    alike,
     far_from,
     moved,
     overlap,
@@ -180,3 +182,29 @@ def test_a_silhouette_returns_to_the_distorted_frame() -> None:
     assert stored.dtype == np.uint8 and set(np.unique(stored)) == {0, 255}
     assert overlap(again, truth) > 0.97
     assert cv2.countNonZero(stored) != np.count_nonzero(truth)
+
+
+def test_a_side_that_stereo_missed_is_found_by_its_colours_where_no_support_shows() -> None:
+    """Bananas of which the first shape lacks the lower ones; a thing of their colour lies where the support's picture shows."""
+    rng = np.random.default_rng(6)
+    truth, painted = disc(150, 120, 60), disc(280, 120, 18)
+    image = np.where((truth | painted)[..., None], [40, 170, 190], [110, 110, 110]) + 6.0 * rng.standard_normal(
+        (*SHAPE, 3)
+    )
+    image = np.clip(image, 0, 255).astype(np.uint8)
+    measured = truth & (np.mgrid[0 : SHAPE[0], 0 : SHAPE[1]][0] < 128)
+    paint = Paint.learn(image[measured], image[~truth & ~painted])
+    evidence = np.where(painted, -1.0, np.where(truth, 0.0, -2.0)).astype(np.float32)
+    like = alike(image, paint, evidence)
+    assert like[truth].mean() > 0.97 and not like[painted].any()
+    points = everywhere()
+    points = points[~(truth | painted)[points[:, 1].astype(int), points[:, 0].astype(int)]]
+    seen = depth_of(measured), points, np.full(len(points), 2.0), np.ones(len(points), bool)
+    known = trimap(*seen, alike=like)
+    found = refine(image, known)
+    assert overlap(refine(image, trimap(*seen)), truth) < 0.8
+    assert overlap(found, truth) > 0.95
+    # the shape is where the image shows the object, though it lacks most of it
+    assert overlap(found, measured) < 0.65 and agreement(found, known) > 0.9
+    elsewhere = trimap(depth_of(disc(185, 120, 60)), *seen[1:], alike=like)
+    assert agreement(refine(image, elsewhere), elsewhere) < 0.8

@@ -10,7 +10,7 @@ import numpy as np
 
 from massprops.capture.before import something_before
 from massprops.capture.frame_edge import cut_off
-from massprops.capture.from_shape import Paint, moved, overlap
+from massprops.capture.from_shape import Paint, agreement, moved
 from massprops.core.files import write_image
 from massprops.core.inputs import read_image
 from massprops.core.parts import Arrays
@@ -124,8 +124,7 @@ def _from_shapes(job: Job, views: Views, placements: list[dict[str, Any]]) -> tu
     for k, placement in enumerate(placements):
         index = np.array([number[name] for name in placement["images"]])
         drawn = _placement(job, views, index, k, len(found), painted)
-        agreement = np.array([a for _, a in drawn])
-        out = moved(agreement)
+        out = moved(np.array([a for _, a in drawn]))
         found.update({int(i): mask for i, (mask, _), o in zip(index, drawn, out, strict=True) if not o})
     share = []
     for i, name in enumerate(views.names):
@@ -153,8 +152,7 @@ def _placement(
 
     def silhouette(i: int) -> Arrays:
         mask, known, hidden = drawn_silhouette(undistorted_frame(job, views, i), views, i, shown)
-        agreement = overlap(mask == 255, known.drawn)
-        return {"mask": mask, "overlap": np.array(agreement), "hidden": np.array(hidden)}
+        return {"mask": mask, "overlap": np.array(agreement(mask == 255, known)), "hidden": np.array(hidden)}
 
     hidden, out = np.zeros(len(index)), []
     for done, i in enumerate(index):
