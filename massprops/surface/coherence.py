@@ -34,9 +34,6 @@ INWARD = 1
 """Pixels by which rims are drawn in: an outline is known no better."""
 TURN, SHIFT = 0.05, 0.02
 """Steps that weigh alike in a fit [rad] and [of the grid's size]."""
-REACHES = (0.2, 0.2, 0.1, 0.1, 0.05, 0.05)
-"""Shifts tried one after the other, to either side along each axis, of the grid's size: a first shape that lacks a side may have its
-middle half of the body away from the other's."""
 ENOUGH = 1e-3
 """A fit ends with a step that betters it by less than this part."""
 MOST = 25.0
@@ -61,6 +58,10 @@ class Extent:
         """Longest side of the grid [world units]."""
         out: float = self.step * (max(self.value.shape) - 1)
         return out
+
+    def held(self) -> np.ndarray:
+        """(k, 3) nodes within the hull."""
+        return np.asarray(self.origin + self.step * np.argwhere(self.value < 0))
 
     def at(self, xyz: np.ndarray) -> np.ndarray:
         """(m,) values at places (m, 3)."""
@@ -140,17 +141,6 @@ class Pair:
     def score(self, R: np.ndarray, t: np.ndarray) -> float:
         """The same of one way, (3, 3) and (3,)."""
         return float(self.scores(R[None], t[None])[0])
-
-    def shifted(self, turns: np.ndarray, shifts: np.ndarray) -> np.ndarray:
-        """Of turns (n, 3, 3) the shifts (n, 3) next to those given that the silhouettes bear best, by smaller and smaller steps."""
-        out, least = shifts.copy(), self.scores(turns, shifts)
-        for share in REACHES:
-            for step in share * self.first.size * np.concatenate([np.eye(3), -np.eye(3)]):
-                tried = out + step
-                score = self.scores(turns, tried)
-                better = score < least
-                out[better], least[better] = tried[better], score[better]
-        return out
 
     def rows(self, R: np.ndarray, t: np.ndarray, about: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distances (m,) [px] of all witnesses and their derivatives (m, 6) by a turn about a place (3,) and a shift."""

@@ -19,7 +19,7 @@ from massprops.surface.registration import (
     Placed,
     _Answer,
     _chosen,
-    _outlines,
+    _Pair,
     _same_body,
     drawn_again,
     next_answer,
@@ -30,6 +30,7 @@ from massprops.surface.registration import (
     same_side,
     settled,
 )
+from massprops.surface.tangents import corners, shifts
 
 
 def seen(mesh: trimesh.Trimesh, painted: bool, seed: int) -> Placed:
@@ -84,18 +85,38 @@ def test_a_body_turned_over_is_found_by_its_shape() -> None:
     assert np.linalg.norm(here - first.center_mass) < 0.03
 
 
-def test_a_turn_is_shifted_to_where_outlines_bear_it() -> None:
-    """First shapes lack a side each, and the middles that a turn begins with lie apart: of a photographed stamp by half of it."""
+def test_planes_that_touch_the_body_tell_where_a_turn_lies() -> None:
+    """First shapes lack a side each, and their middles tell nothing: of a photographed stamp these lie apart by most of its size."""
     first = turned(wedge(), np.array([1.0, 0, 0, 0]), np.zeros(3))
     second = turned(wedge(), np.array([0.1, 0.9, 0.3, 0.2]), np.array([0.05, -0.1, 0.02]))
-    outlines = _outlines(seen(first, False, 0), seen(second, False, 1), np.random.default_rng(0))
+    one, other = (seen(body, False, k) for k, body in enumerate((first, second)))
     R = first.metadata["R"] @ second.metadata["R"].T
     t = first.metadata["t"] - R @ second.metadata["t"]
+    assert np.linalg.norm(shifts(R[None], other.tangents, corners(one.extent.held()))[0] - t) < 0.1
+    both = _Pair(one, replace(other, middle=other.middle + [0.5, -0.3, 0.4]), np.random.default_rng(0))
     turns = np.stack([R, R @ rotation_matrix(np.array([0.0, 1.0, 0.0, 0.0]))])
-    found = outlines.shifted(turns, np.tile(t + [0.5, -0.3, 0.4], (2, 1)))
+    found = both.shifts(turns, both.outlines)
     assert np.linalg.norm(found[0] - t) < 0.1
-    scores = outlines.scores(turns, found)
-    assert scores[0] < 0.2 * scores[1]
+    scores = both.outlines.scores(turns, found)
+    assert scores[0] < 0.4 * scores[1]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_planes_tell_the_shift_between_two_hulls(seed: int) -> None:
+    """Also where a hull reaches beyond its body on one side."""
+    rng = np.random.default_rng(seed)
+    body = rng.standard_normal((40, 3)) * [1.0, 0.6, 0.3]
+    R, t = Rotation.random(rng=rng).as_matrix(), rng.standard_normal(3)
+    normal = rng.standard_normal((60, 3))
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    moving = (body - t) @ R
+    planes = np.column_stack([normal, -(moving @ normal.T).max(axis=0)])
+    turns = np.stack([R, np.eye(3)])
+    assert np.allclose(shifts(turns, planes, corners(body))[0], t, atol=1e-6)
+    beyond = np.concatenate([body, body[:3] + [0.0, 0.0, -1.0]])
+    assert np.linalg.norm(shifts(turns, planes, corners(beyond))[0] - t) < 0.1
+    assert not shifts(turns, planes[:3], corners(body)).any(), "three planes tell nothing of an error"
+    assert len(corners(body[:3])) == 3
 
 
 def test_outlines_settle_a_body_that_lies_a_little_off() -> None:
