@@ -30,7 +30,8 @@ AROUND = 1.5
 """Sparse points farther than this from the object's middle, in its radii, do not say how deep it lies in a view."""
 
 TOO_COARSE = "only the outline of one of them is known, and that is too coarse to join it"
-"""A padlock whose dark shackle was missing in most silhouettes fitted best, and by its paint too, the wrong way round."""
+"""A padlock whose dark shackle was missing in most silhouettes fitted best, and by its paint too, the wrong way round. So of such a
+placement the silhouettes must say alone how it lies."""
 LOOKS_ALIKE = (
     "turned the way that fits best, both would show the same sides, and yet they have next to no features in common: two "
     "sides of the object look alike"
@@ -85,20 +86,19 @@ def _joined(
     number = {name: i for i, name in enumerate(views.names)}
     index = [np.array([number[n] for n in p["images"] if n not in left_out], int) for p in placements]
     shown = _sides(job, views, placements, index) if len(placements) > 1 else {}
+    coarse = {k for k, p in enumerate(placements) if p["method"] != "measured"}
     order = _best_first(placements, [len(i) for i in index], {k: side[0].rim_error for k, side in shown.items()})
     first = order[0]
     facts: dict[str, Any] = {"joined": [{"images": len(index[first])}], "unjoined": [], "support_plane": None}
     parts = [(index[first], np.eye(3), np.zeros(3), first)]
     for done, k in enumerate(order[1:]):
         job.progress(done, len(order) - 1, "joining placements")
-        if not {first, k} <= shown.keys():
-            gone = {"images": len(index[k]), "placement": k, "fits": True, "reason": TOO_COARSE}
-            facts["unjoined"].append(gone)
-            continue
         registration = register(shown[first][0], shown[k][0], job.seed)
         entry, R, t = _laid(job, shown[first], shown[k], registration)
         if drawn and not entry.get("fits", True):
             entry, R, t = _laid_again(job, views, placements, {j: index[j] for j in (first, k)}, shown, registration)
+        if "reason" not in entry and coarse & {first, k} and not entry["by_outlines"]:
+            entry |= {"fits": True, "reason": TOO_COARSE}
         if "reason" in entry:
             facts["unjoined"].append({"images": len(index[k]), "placement": k, **entry})
         else:
@@ -135,12 +135,11 @@ def _joined(
 def _sides(
     job: Job, views: Views, placements: list[dict[str, Any]], index: list[np.ndarray]
 ) -> dict[int, tuple[Placed, Side]]:
-    """Placements that stereo measured, by their number, as they are laid onto each other; index: views of each."""
+    """Placements by their number, as they are laid onto each other; index: views of each."""
     out = {}
     for k, placement in enumerate(placements):
-        if placement["method"] == "measured":
-            here, support = views.take(index[k]), placement["support_plane"]
-            out[k] = _placed(job, here, k, None if support is None else np.array(support)), _side(job, here, k)
+        here, support = views.take(index[k]), placement["support_plane"]
+        out[k] = _placed(job, here, k, None if support is None else np.array(support)), _side(job, here, k)
     return out
 
 
@@ -233,6 +232,7 @@ def _entry_of(registration: Registration) -> dict[str, Any]:
         "rival_colour_correlation": registration.rival_colour,
         "colour_correlation_noise": registration.colour_noise,
         "symmetric": registration.symmetric,
+        "by_outlines": registration.by_outlines,
     }
 
 
