@@ -68,6 +68,14 @@ def test_silhouettes_that_are_wrong_by_more_than_the_answers_differ_decide_nothi
     assert "another object" in _reason(registered(outside_px=5.0))
 
 
+def test_a_placement_known_by_what_it_hides_is_joined_by_clear_outlines_alone() -> None:
+    """As of a padlock: 1.0 px to 4.0 px, and paint that would decide by itself does not."""
+    assert registered(outside_px=1.0, own_px=0.2, rival_px=4.0).by_outlines
+    assert not registered(outside_px=1.0, own_px=0.2, rival_px=3.0, colour=0.9).by_outlines
+    assert not registered(outside_px=2.0, rival_px=20.0, colour=0.9).by_outlines, "and no other way fits"
+    assert _entry_of(registered(own_px=0.2, rival_px=3.7))["by_outlines"] is True
+
+
 def test_shape_that_is_far_clearer_than_all_else_joins_a_body_without_paint() -> None:
     """As of a plain rock: 0.7 px to 4.8 px, and colours that correlate nowhere."""
     assert registered(own_px=0.3, rival_px=4.8).unpainted
