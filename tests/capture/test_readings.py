@@ -16,7 +16,7 @@ from test_object_on_support import box, rectangle, scene
 from massprops.capture.choice import Located, Pointed, check_early, locate, parse
 from massprops.capture.readings import KEEP_SUPPORT, Found, described, find_object, picture
 from massprops.capture.scene import Scene
-from massprops.capture.stand import _slopes
+from massprops.capture.stand import FACING, _is_round, _slopes
 from massprops.dense.region import Region
 from massprops.errors import InputError, NotPossible
 from massprops.run.stages import shape
@@ -477,3 +477,23 @@ def test_a_few_wrong_matches_make_no_moulding_of_a_stand() -> None:
     assert not _is_narrow(scene, np.arange(len(xyz)), xyz[:, 2], 0.04, top)
     moulding = np.concatenate([np.hypot(*ledge.T) < 1.15, np.ones(len(wall) + len(stray), bool)])
     assert _is_narrow(scene, np.flatnonzero(moulding), xyz[moulding, 2], 0.04, top)
+
+
+def test_round_tops_beside_a_thing_are_no_ledge_of_a_stand() -> None:
+    """As of bananas side by side, on which another one lies; a flat top that scatters is a ledge."""
+    rng = np.random.default_rng(0)
+    square = rng.uniform(-1.6, 1.6, (20_000, 2))
+    beside = square[np.hypot(*square.T) > 0.6]
+    turn, high = rng.uniform(0, 2 * np.pi, 6000), rng.uniform(0.05, 0.3, 6000)
+    wall = np.column_stack([0.5 * np.cos(turn), 0.5 * np.sin(turn), high])
+    across = (beside[:, 0] + 0.8) % 1.6 - 0.8
+    rounded = 0.8 * (np.sqrt(1 - (across / 0.8) ** 2) - 1)
+    upright = np.where(np.abs(across) < 0.8 * np.sin(np.arccos(FACING)), 1.0, 0.0)
+    top = np.array([0.0, 0.0, 1.0, 0.0])
+    for low, facing, expected in ((0.0 * rounded, np.ones(len(beside)), False), (rounded, upright, True)):
+        level = np.column_stack([beside, low + 0.005 * rng.standard_normal(len(beside))])
+        xyz = np.concatenate([level, wall])
+        normal = np.zeros((len(xyz), 3))
+        normal[: len(level), 2] = facing
+        points: Any = SimpleNamespace(xyz=xyz, normal=normal)
+        assert _is_round(points, np.arange(len(xyz)), xyz[:, 2], 0.02, top) is expected
