@@ -213,6 +213,17 @@ def test_a_narrow_ledge_of_its_own_colour_is_a_moulding_and_of_another_colour_a_
     assert not near_the_top.narrow_ledge and near_the_top.readings == [] and share(near_the_top, rim, BLUE) > 0.7
 
 
+@pytest.mark.parametrize("colour", [RED, BLUE])
+def test_what_is_far_above_what_the_cameras_look_at_stands_on_no_stand(colour: tuple[int, int, int]) -> None:
+    """As of the relief of a jug's lid."""
+    points = replace(on_stand(colour, half=0.25, high=0.25), region=Region(np.array([0, 0, 0.08]), 1.0))
+    found = find_object(points)
+    assert found.readings == [] and share(found, points, colour) > 0.7 and share(found, points, BLUE) > 0.7
+    for height in (0.27, 0.17):
+        # what is flat and wide may be looked at a little too low
+        assert len(find_object(replace(points, region=Region(np.array([0, 0, height]), 1.0))).readings) == 2
+
+
 def test_a_plate_that_was_turned_over_with_its_handle_is_one_thing() -> None:
     points = on_stand(BLUE)
     found = [described(r, points, used=k == 0) for k, r in enumerate(find_object(points).readings)]
