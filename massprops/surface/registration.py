@@ -549,7 +549,7 @@ class _Pair:
         planes that touch the one and the other.
 
         Of a photographed stamp the middles lie apart by three quarters of its size, as a shape of seven images lacks the handle: with
-        them alone the true turn was found with two of eight seeds, with the planes with all eight.
+        them alone none of eight seeds found the true turn, with the planes all do.
         """
         back = np.swapaxes(turns, 1, 2)
         first, second = (corners(side.extent.held()) for side in (self.first, self.second))
