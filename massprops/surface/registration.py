@@ -21,7 +21,7 @@ from massprops.surface.cloud import Cloud
 from massprops.surface.coherence import MOST, TOUCHES, Extent, Pair, Witnesses, extent, moved, rim_rays
 from massprops.surface.photo_consistency import Photographs
 from massprops.surface.silhouette import make_hull
-from massprops.surface.tangents import corners, shifts, tangent_planes
+from massprops.surface.tangents import corners, tangent_planes, touching_shifts
 from massprops.views import Views
 
 if TYPE_CHECKING:
@@ -553,11 +553,11 @@ class _Pair:
         """
         back = np.swapaxes(turns, 1, 2)
         first, second = (corners(side.extent.held()) for side in (self.first, self.second))
-        there = shifts(back, self.first.tangents, second)
+        there = touching_shifts(back, self.first.tangents, second)
         tried = np.stack(
             [
                 self.first.middle - turns @ self.second.middle,
-                shifts(turns, self.second.tangents, first),
+                touching_shifts(turns, self.second.tangents, first),
                 -np.einsum("nij,nj->ni", turns, there),
             ]
         )

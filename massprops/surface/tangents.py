@@ -60,7 +60,7 @@ def corners(xyz: np.ndarray) -> np.ndarray:
         return xyz
 
 
-def shifts(turns: np.ndarray, planes: np.ndarray, body: np.ndarray) -> np.ndarray:
+def touching_shifts(turns: np.ndarray, planes: np.ndarray, body: np.ndarray) -> np.ndarray:
     """(n, 3) for each turn the shift by which the planes of one placement touch what the other's silhouettes leave room for.
 
     Args:
@@ -74,7 +74,7 @@ def shifts(turns: np.ndarray, planes: np.ndarray, body: np.ndarray) -> np.ndarra
 
 
 def _shifts(turns: np.ndarray, planes: np.ndarray, body: np.ndarray) -> np.ndarray:
-    """As `shifts`, by least squares weighted again and again towards the least mean distance."""
+    """As `touching_shifts`, by least squares weighted again and again towards the least mean distance."""
     normal = planes[:, :3] @ np.swapaxes(turns, 1, 2)
     wanted = (normal @ body.T).max(axis=2) + planes[:, 3]
     weight, shift = np.ones_like(wanted), np.zeros((len(turns), 3))

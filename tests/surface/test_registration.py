@@ -30,7 +30,7 @@ from massprops.surface.registration import (
     same_side,
     settled,
 )
-from massprops.surface.tangents import corners, shifts
+from massprops.surface.tangents import corners, touching_shifts
 
 
 def seen(mesh: trimesh.Trimesh, painted: bool, seed: int) -> Placed:
@@ -92,7 +92,7 @@ def test_planes_that_touch_the_body_tell_where_a_turn_lies() -> None:
     one, other = (seen(body, False, k) for k, body in enumerate((first, second)))
     R = first.metadata["R"] @ second.metadata["R"].T
     t = first.metadata["t"] - R @ second.metadata["t"]
-    assert np.linalg.norm(shifts(R[None], other.tangents, corners(one.extent.held()))[0] - t) < 0.1
+    assert np.linalg.norm(touching_shifts(R[None], other.tangents, corners(one.extent.held()))[0] - t) < 0.1
     both = _Pair(one, replace(other, middle=other.middle + [0.5, -0.3, 0.4]), np.random.default_rng(0))
     turns = np.stack([R, R @ rotation_matrix(np.array([0.0, 1.0, 0.0, 0.0]))])
     found = both.shifts(turns, both.outlines)
@@ -112,10 +112,10 @@ def test_planes_tell_the_shift_between_two_hulls(seed: int) -> None:
     moving = (body - t) @ R
     planes = np.column_stack([normal, -(moving @ normal.T).max(axis=0)])
     turns = np.stack([R, np.eye(3)])
-    assert np.allclose(shifts(turns, planes, corners(body))[0], t, atol=1e-6)
+    assert np.allclose(touching_shifts(turns, planes, corners(body))[0], t, atol=1e-6)
     beyond = np.concatenate([body, body[:3] + [0.0, 0.0, -1.0]])
-    assert np.linalg.norm(shifts(turns, planes, corners(beyond))[0] - t) < 0.1
-    assert not shifts(turns, planes[:3], corners(body)).any(), "three planes tell nothing of an error"
+    assert np.linalg.norm(touching_shifts(turns, planes, corners(beyond))[0] - t) < 0.1
+    assert not touching_shifts(turns, planes[:3], corners(body)).any(), "three planes tell nothing of an error"
     assert len(corners(body[:3])) == 3
 
 
