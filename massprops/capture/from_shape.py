@@ -55,7 +55,7 @@ class Trimap:
         hidden: (h, w) bool, the surroundings lie there and do not show: something is before them.
         evidence: (h, w) float32, log odds of something before the support by its picture of all images; None where that
             tells nothing beside the shape.
-        alike: (h, w) bool of `alike`; None where that is not known.
+        own_coloured: (h, w) bool of `shows_object_colours`; None where that is not known.
     """
 
     drawn: np.ndarray
@@ -63,7 +63,7 @@ class Trimap:
     away: np.ndarray
     hidden: np.ndarray
     evidence: np.ndarray | None = None
-    alike: np.ndarray | None = None
+    own_coloured: np.ndarray | None = None
 
 
 def trimap(
@@ -72,7 +72,7 @@ def trimap(
     z: np.ndarray,
     shows: np.ndarray,
     closed: bool = False,
-    alike: np.ndarray | None = None,
+    own_coloured: np.ndarray | None = None,
 ) -> Trimap:
     """Object, surroundings and what the image has to decide.
 
@@ -82,7 +82,7 @@ def trimap(
         shows: (m,) bool, the image has the point's colour there (`shows_points`).
         closed: the shape is the body's whole surface, made with all images; then nothing of it is farther off than the band,
             and its gaps are the body's.
-        alike: (h, w) bool of `alike`, or None.
+        own_coloured: (h, w) bool of `shows_object_colours`, or None.
     """
     import cv2
 
@@ -108,10 +108,10 @@ def trimap(
     surely = (cv2.distanceTransform(solid, cv2.DIST_L2, 5) > band) & ~gap
     outside = cv2.distanceTransform(1 - solid, cv2.DIST_L2, 5) if drawn.any() else np.full((h, w), np.inf)
     enclosed = np.zeros_like(drawn) if closed else ~_reached(~drawn)
-    perhaps = hidden if alike is None else hidden | alike
+    perhaps = hidden if own_coloured is None else hidden | own_coloured
     reach = band if closed else np.where(perhaps, FAR * size, UNKNOWN * size)
     away = ((outside > reach) & ~enclosed) | (other & (outside > band))
-    return Trimap(drawn, surely, away, hidden & ~away, alike=alike)
+    return Trimap(drawn, surely, away, hidden & ~away, own_coloured=own_coloured)
 
 
 def shows_points(image: np.ndarray, uv: np.ndarray, bgr: np.ndarray, apart: np.ndarray) -> np.ndarray:
@@ -229,7 +229,7 @@ def refine(image: np.ndarray, known: Trimap) -> np.ndarray:
     return _held(out, surely)
 
 
-def alike(image: np.ndarray, painted: Paint, evidence: np.ndarray) -> np.ndarray:
+def shows_object_colours(image: np.ndarray, painted: Paint, evidence: np.ndarray) -> np.ndarray:
     """(h, w) bool: what has colours that are more the object's than the surroundings', and the support's picture does not show there.
 
     Args:
@@ -392,9 +392,9 @@ def agreement(solid: np.ndarray, known: Trimap) -> float:
     size loses that share once there, and twice in intersection over union.
     """
     together = overlap(solid, known.drawn)
-    if known.alike is None or not known.drawn.any():
+    if known.own_coloured is None or not known.drawn.any():
         return together
-    return max(together, 2.0 * float(known.alike[known.drawn].mean()) - 1.0)
+    return max(together, 2.0 * float(known.own_coloured[known.drawn].mean()) - 1.0)
 
 
 LEAST_AGREEMENT, BELOW = 0.87, 6.0

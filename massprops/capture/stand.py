@@ -192,26 +192,30 @@ def _foot(rise: np.ndarray, step: float) -> np.ndarray:
 
 def _is_narrow(scene: Scene, own: np.ndarray, rise: np.ndarray, step: float, top: np.ndarray) -> bool:
     """Whether a level is a narrow rim about the foot of what is above it; arguments of `_carried`."""
-    import cv2
-
-    flat = (scene.xyz[own] @ np.stack(axes(top), axis=1)).astype(np.float32)
-    level = flat[(np.abs(rise) < step) & (scene.normal[own] @ top[:3] > FACING)]
-    foot = cv2.convexHull(_dense(flat[_foot(rise, step)], step))
-    beyond = [-cv2.pointPolygonTest(foot, (float(x), float(y)), True) for x, y in level]
-    radius = np.sqrt(cv2.contourArea(foot) / np.pi)
+    level = (np.abs(rise) < step) & (scene.normal[own] @ top[:3] > FACING)
+    beyond, radius = _beyond_foot(scene, own, rise, step, top, level)
     return bool(np.percentile(np.maximum(beyond, 0.0), 95) < NARROW * radius)
 
 
 def _is_round(scene: Scene, own: np.ndarray, rise: np.ndarray, step: float, top: np.ndarray) -> bool:
     """Whether what faces up beside the foot of what is above a level does not lie on the level; arguments of `_carried`."""
-    import cv2
-
     near = (np.abs(rise) < 4 * step) & (scene.normal[own] @ top[:3] > FACING)
-    flat = (scene.xyz[own] @ np.stack(axes(top), axis=1)).astype(np.float32)
-    foot = cv2.convexHull(_dense(flat[_foot(rise, step)], step))
-    beside = np.array([cv2.pointPolygonTest(foot, (float(x), float(y)), False) < 0 for x, y in flat[near]], bool)
+    beside = _beyond_foot(scene, own, rise, step, top, near)[0] > 0
     on = np.abs(rise[near]) < step
     return bool(on[beside].sum() < FLAT * max(beside.sum(), 1))
+
+
+def _beyond_foot(
+    scene: Scene, own: np.ndarray, rise: np.ndarray, step: float, top: np.ndarray, chosen: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """How far beyond the foot of what is above a level those `chosen` (k,) bool of its points lie, negative within it, and the radius of a disc
+    as large as the foot; other arguments of `_carried`."""
+    import cv2
+
+    flat = (scene.xyz[own] @ np.stack(axes(top), axis=1)).astype(np.float32)
+    foot = cv2.convexHull(_dense(flat[_foot(rise, step)], step))
+    beyond = [-cv2.pointPolygonTest(foot, (float(x), float(y)), True) for x, y in flat[chosen]]
+    return np.array(beyond), float(np.sqrt(cv2.contourArea(foot) / np.pi))
 
 
 def _dense(flat: np.ndarray, size: float) -> np.ndarray:

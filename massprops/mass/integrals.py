@@ -107,18 +107,23 @@ def central_inertia(rows: np.ndarray, density: float) -> tuple[np.ndarray, np.nd
     return density * volume, centre, inertia
 
 
+def hull_corners(vertices: np.ndarray) -> np.ndarray:
+    """Indices (k,) of those of places (v, 3) that are corners of their convex hull, in order; of all where they are flat."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        return np.asarray(np.unique(ConvexHull(vertices).simplices))
+    except QhullError:
+        return np.arange(len(vertices))
+
+
 def greatest_length(vertices: np.ndarray) -> tuple[float, int, int]:
     """The body's diameter: the largest distance between two of the vertices (v, 3), and which two they are.
 
     This length is the model unit of a run without a scale.
     """
-    from scipy.spatial import ConvexHull, QhullError
-
     vertices = np.asarray(vertices, float)
-    try:
-        index = np.unique(ConvexHull(vertices).simplices)
-    except QhullError:
-        index = np.arange(len(vertices))
+    index = hull_corners(vertices)
     corner = vertices[index]
     away = np.linalg.norm(corner - corner.mean(axis=0), axis=1)
     reach = float(np.linalg.norm(corner - corner[np.argmax(away)], axis=1).max())

@@ -12,11 +12,11 @@ from massprops.capture.before import hidden_share
 from massprops.capture.from_shape import (
     Paint,
     Trimap,
-    alike,
     beyond_band,
     far_from,
     refine,
     share_covered,
+    shows_object_colours,
     shows_points,
     to_stored,
     trimap,
@@ -142,8 +142,11 @@ def drawn_silhouette(image: np.ndarray, views: Views, i: int, shown: Visible) ->
     colours = np.concatenate([shown.other_colour[ahead], shown.own_colour])
     seen = shows_points(image, np.concatenate([uv, at]), colours, far)
     evidence = None if shown.support is None else shown.support.log_odds(views, i, image)
-    perhaps = None if shown.painted is None or evidence is None else alike(image, shown.painted, evidence)
-    known = trimap(depth, uv, z, seen[: len(uv)], shown.closed, perhaps)
+    own_coloured = None
+    # of a closed shape nothing is farther off than its band
+    if evidence is not None and shown.painted is not None and not shown.closed:
+        own_coloured = shows_object_colours(image, shown.painted, evidence)
+    known = trimap(depth, uv, z, seen[: len(uv)], shown.closed, own_coloured)
     if shown.measured is not None:
         # what the votes of all images put to the shape is a hull, and no point of it is sure
         sure = np.isfinite(rasterise(shown.vertices, shown.measured, K, R, t, size)[0])

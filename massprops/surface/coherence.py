@@ -14,6 +14,7 @@ from numba import njit
 
 from massprops.core.levenberg_marquardt import Damping, descend
 from massprops.geometry import vectors
+from massprops.mass.integrals import hull_corners
 from massprops.surface.silhouette import Hull
 from massprops.views import Views
 
@@ -59,9 +60,10 @@ class Extent:
         out: float = self.step * (max(self.value.shape) - 1)
         return out
 
-    def held(self) -> np.ndarray:
-        """(k, 3) nodes within the hull."""
-        return np.asarray(self.origin + self.step * np.argwhere(self.value < 0))
+    def corners(self) -> np.ndarray:
+        """(k, 3) nodes within the placement's hull that are corners of their convex hull; none where there are no nodes."""
+        held = self.origin + self.step * np.argwhere(self.value < 0)
+        return np.asarray(held[hull_corners(held)] if len(held) else held)
 
     def at(self, xyz: np.ndarray) -> np.ndarray:
         """(m,) values at places (m, 3)."""

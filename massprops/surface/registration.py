@@ -21,7 +21,7 @@ from massprops.surface.cloud import Cloud
 from massprops.surface.coherence import MOST, TOUCHES, Extent, Pair, Witnesses, extent, moved, rim_rays
 from massprops.surface.photo_consistency import Photographs
 from massprops.surface.silhouette import make_hull
-from massprops.surface.tangents import corners, tangent_planes, touching_shifts
+from massprops.surface.tangents import tangent_planes, touching_shifts
 from massprops.views import Views
 
 if TYPE_CHECKING:
@@ -535,8 +535,8 @@ class _Pair:
         few = self.outlines.some(FEW, self.rng)
         middle = self.second.middle
         turns = Rotation.random(TRIED, rng=self.rng).as_matrix()
-        shifts = self.shifts(turns, few)
-        order = np.argsort(few.scores(turns, shifts), kind="stable")
+        shifts, scores = self.shifts(turns, few)
+        order = np.argsort(scores, kind="stable")
         found = [few.fitted(turns[k], shifts[k], middle) for k in order[:FITTED]]
         kept: list[_Answer] = []
         for a in sorted((_Answer(R, t, few.score(R, t)) for R, t in found), key=lambda a: a.outside):
@@ -544,15 +544,15 @@ class _Pair:
                 kept.append(a)
         return sorted((self.refined(a) for a in kept[:KEPT]), key=lambda a: a.outside)
 
-    def shifts(self, turns: np.ndarray, few: Pair) -> np.ndarray:
+    def shifts(self, turns: np.ndarray, few: Pair) -> tuple[np.ndarray, np.ndarray]:
         """(n, 3) for each turn (n, 3, 3) the shift that a few witnesses bear best, of three: by the middles of the first shapes, and by the
-        planes that touch the one and the other.
+        planes that touch the one and the other; and (n,) the scores by these witnesses.
 
         Of a photographed stamp the middles lie apart by three quarters of its size, as a shape of seven images lacks the handle: with
         them alone none of eight seeds found the true turn, with the planes all do.
         """
         back = np.swapaxes(turns, 1, 2)
-        first, second = (corners(side.extent.held()) for side in (self.first, self.second))
+        first, second = (side.extent.corners() for side in (self.first, self.second))
         there = touching_shifts(back, self.first.tangents, second)
         tried = np.stack(
             [
@@ -561,8 +561,9 @@ class _Pair:
                 -np.einsum("nij,nj->ni", turns, there),
             ]
         )
-        best = np.argmin([few.scores(turns, t) for t in tried], axis=0)
-        return np.asarray(tried[best, np.arange(len(turns))])
+        scores = np.stack([few.scores(turns, t) for t in tried])
+        best = np.argmin(scores, axis=0), np.arange(len(turns))
+        return tried[best], scores[best]
 
     def refined(self, answer: _Answer) -> _Answer:
         """The answer fitted to all silhouettes, and with its surfaces laid onto each other where those bear it."""

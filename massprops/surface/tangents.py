@@ -50,22 +50,12 @@ def tangent_planes(views: Views, masks: list[np.ndarray]) -> np.ndarray:
     return np.concatenate([*out, np.zeros((0, 4))])
 
 
-def corners(xyz: np.ndarray) -> np.ndarray:
-    """Those of places (k, 3) that no plane cuts off from the others; all of them where they are flat."""
-    from scipy.spatial import ConvexHull, QhullError
-
-    try:
-        return np.asarray(xyz[ConvexHull(xyz).vertices])
-    except (QhullError, ValueError):
-        return xyz
-
-
 def touching_shifts(turns: np.ndarray, planes: np.ndarray, body: np.ndarray) -> np.ndarray:
     """(n, 3) for each turn the shift by which the planes of one placement touch what the other's silhouettes leave room for.
 
     Args:
         turns: (n, 3, 3), x is carried to R x + t.
-        planes: (m, 4) of `tangent_planes`, of the placement that is carried; body: (k, 3) `corners` of the other's hull.
+        planes: (m, 4) of `tangent_planes`, of the placement that is carried; body: (k, 3) corners of the other's hull.
     """
     if len(planes) < LEAST or not len(body):
         return np.zeros((len(turns), 3))

@@ -9,11 +9,11 @@ import pytest
 from massprops.capture.from_shape import (
     Paint,
     agreement,
-    alike,
     far_from,
     moved,
     overlap,
     refine,
+    shows_object_colours,
     shows_points,
     to_stored,
     trimap,
@@ -195,16 +195,16 @@ def test_a_side_that_stereo_missed_is_found_by_its_colours_where_no_support_show
     measured = truth & (np.mgrid[0 : SHAPE[0], 0 : SHAPE[1]][0] < 128)
     paint = Paint.learn(image[measured], image[~truth & ~painted])
     evidence = np.where(painted, -1.0, np.where(truth, 0.0, -2.0)).astype(np.float32)
-    like = alike(image, paint, evidence)
+    like = shows_object_colours(image, paint, evidence)
     assert like[truth].mean() > 0.97 and not like[painted].any()
     points = everywhere()
     points = points[~(truth | painted)[points[:, 1].astype(int), points[:, 0].astype(int)]]
     seen = depth_of(measured), points, np.full(len(points), 2.0), np.ones(len(points), bool)
-    known = trimap(*seen, alike=like)
+    known = trimap(*seen, own_coloured=like)
     found = refine(image, known)
     assert overlap(refine(image, trimap(*seen)), truth) < 0.8
     assert overlap(found, truth) > 0.95
     # the shape is where the image shows the object, though it lacks most of it
     assert overlap(found, measured) < 0.65 and agreement(found, known) > 0.9
-    elsewhere = trimap(depth_of(disc(185, 120, 60)), *seen[1:], alike=like)
+    elsewhere = trimap(depth_of(disc(185, 120, 60)), *seen[1:], own_coloured=like)
     assert agreement(refine(image, elsewhere), elsewhere) < 0.8

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from synthetic_dense import cameras, observe
 
 from massprops.dynamics.quaternion import rotation_matrix
+from massprops.mass.integrals import hull_corners
 from massprops.surface.cloud import Cloud
 from massprops.surface.coherence import Extent, Witnesses
 from massprops.surface.registration import (
@@ -30,7 +31,7 @@ from massprops.surface.registration import (
     same_side,
     settled,
 )
-from massprops.surface.tangents import corners, touching_shifts
+from massprops.surface.tangents import touching_shifts
 
 
 def seen(mesh: trimesh.Trimesh, painted: bool, seed: int) -> Placed:
@@ -92,12 +93,13 @@ def test_planes_that_touch_the_body_tell_where_a_turn_lies() -> None:
     one, other = (seen(body, False, k) for k, body in enumerate((first, second)))
     R = first.metadata["R"] @ second.metadata["R"].T
     t = first.metadata["t"] - R @ second.metadata["t"]
-    assert np.linalg.norm(touching_shifts(R[None], other.tangents, corners(one.extent.held()))[0] - t) < 0.1
+    assert np.linalg.norm(touching_shifts(R[None], other.tangents, one.extent.corners())[0] - t) < 0.1
     both = _Pair(one, replace(other, middle=other.middle + [0.5, -0.3, 0.4]), np.random.default_rng(0))
     turns = np.stack([R, R @ rotation_matrix(np.array([0.0, 1.0, 0.0, 0.0]))])
-    found = both.shifts(turns, both.outlines)
+    found, own = both.shifts(turns, both.outlines)
     assert np.linalg.norm(found[0] - t) < 0.1
     scores = both.outlines.scores(turns, found)
+    assert np.array_equal(own, scores)
     assert scores[0] < 0.4 * scores[1]
 
 
@@ -112,11 +114,13 @@ def test_planes_tell_the_shift_between_two_hulls(seed: int) -> None:
     moving = (body - t) @ R
     planes = np.column_stack([normal, -(moving @ normal.T).max(axis=0)])
     turns = np.stack([R, np.eye(3)])
-    assert np.allclose(touching_shifts(turns, planes, corners(body))[0], t, atol=1e-6)
+    assert np.allclose(touching_shifts(turns, planes, body[hull_corners(body)])[0], t, atol=1e-6)
     beyond = np.concatenate([body, body[:3] + [0.0, 0.0, -1.0]])
-    assert np.linalg.norm(touching_shifts(turns, planes, corners(beyond))[0] - t) < 0.1
-    assert not touching_shifts(turns, planes[:3], corners(body)).any(), "three planes tell nothing of an error"
-    assert len(corners(body[:3])) == 3
+    assert np.linalg.norm(touching_shifts(turns, planes, beyond[hull_corners(beyond)])[0] - t) < 0.1
+    assert not touching_shifts(turns, planes[:3], body[hull_corners(body)]).any(), (
+        "three planes tell nothing of an error"
+    )
+    assert len(hull_corners(body[:3])) == 3
 
 
 def test_outlines_settle_a_body_that_lies_a_little_off() -> None:
