@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprops.geometry.epipolar import fundamental, sampson
-from massprops.sfm.distinct import APART, RATIO, WIDEST, angles
+from massprops.sfm.gated_search import between, likest, within
 from massprops.sfm.points import SparsePoints, project_camera
 from massprops.views import Views
 
@@ -118,7 +118,7 @@ def match_onto(
 ) -> np.ndarray:
     """(m, 2) uint32: as `match_placed`, onto a view in which no depth is known yet: the pose of the second is a guess."""
     other, rows = _best(views, pair, placed, units, gate)
-    angle = angles(np.einsum("kd,kd->k", units[0][rows], units[1][other]))
+    angle = between(*units, rows, other)
     order = np.argsort(angle, kind="stable")
     # a feature that several are likest to belongs to the likest of them
     _, once = np.unique(other[order], return_index=True)
@@ -138,28 +138,8 @@ def _best(
     which, other = which[close], other[close]
     if not len(which):
         return other, which
-    angle = angles(np.einsum("kd,kd->k", unit_a[rows[which]], unit_b[other]))
-    which, other = likest(which, other, angle, b.uv)
+    which, other = likest(which, other, between(unit_a, unit_b, rows[which], other), b.uv)
     return other, rows[which]
-
-
-def likest(which: np.ndarray, other: np.ndarray, angle: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of pairs (k,), what is looked for and a feature that it may be, those (g,) whose feature is the likest by far.
-
-    Args:
-        angle: (k,) between their descriptors [rad], which counts up to `WIDEST`, and `RATIO` times that of the next best
-            elsewhere; uv: (m, 2) places of all features [px].
-    """
-    order = np.lexsort((angle, which))
-    which, other, angle = which[order], other[order], angle[order]
-    first = np.r_[True, which[1:] != which[:-1]][: len(which)]
-    begin, group = np.flatnonzero(first), np.cumsum(first) - 1
-    # the next best elsewhere: a place may hold several features
-    elsewhere = np.linalg.norm(uv[other] - uv[other[begin]][group], axis=1) > APART
-    second = np.full(len(begin), np.pi / 2)
-    np.minimum.at(second, group[elsewhere], angle[elsewhere])
-    good = (angle[begin] < WIDEST) & (angle[begin] < RATIO * second)
-    return which[begin][good], other[begin][good]
 
 
 def _predicted(views: Views, pair: tuple[int, int], a: Placed, gate: Gate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -177,17 +157,6 @@ def _predicted(views: Views, pair: tuple[int, int], a: Placed, gate: Gate) -> tu
         inside = (middle > -radius).all(1) & (middle < views.size[j] + radius).all(1)
         rows = np.flatnonzero(seen & inside & (reach < MOST_GATES * radius))
     return rows, middle[rows], reach[rows]
-
-
-def within(uv: np.ndarray, middle: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs, numbers (g,) of a middle (k, 2) and (g,) of a place uv (m, 2), that are within reach (k,) [px]."""
-    from scipy.spatial import cKDTree
-
-    if not len(middle) or not len(uv):
-        return np.zeros(0, int), np.zeros(0, int)
-    found = cKDTree(uv).query_ball_point(middle, reach)
-    which = np.repeat(np.arange(len(middle)), [len(c) for c in found])
-    return which, np.concatenate([np.asarray(c, int) for c in found])
 
 
 def off_line(views: Views, pair: tuple[int, int], ray: np.ndarray, other: np.ndarray) -> np.ndarray:

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 import pycolmap
 
-from massprops.sfm.distinct import angles
-from massprops.sfm.guided import ALIKE_DEG, cosines, in_frame, likest, within
+from massprops.sfm.gated_search import between, likest, within
+from massprops.sfm.guided import ALIKE_DEG, cosines, in_frame
 from massprops.sfm.points import SparsePoints
 from massprops.views import Views
 
@@ -177,8 +177,7 @@ def _looked_for(
     which, other = within(image.uv, at, np.full(len(at), radius))
     look = known.look[seen].astype(np.float32)
     look /= np.maximum(np.linalg.norm(look, axis=1, keepdims=True), 1e-9)
-    angle = angles(np.einsum("kd,kd->k", look[which], image.unit[other]))
-    which, other = likest(which, other, angle, image.uv)
+    which, other = likest(which, other, between(look, image.unit, which, other), image.uv)
     return known.points.obs_point[seen[which]], other, len(seen)
 
 

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from massprops.sfm.distinct import describe, match_distinct, repeating
 from massprops.sfm.fisheye import fisheye_factor, widest_angle
-from massprops.sfm.guided import joined, likest, within
+from massprops.sfm.gated_search import likest, within
+from massprops.sfm.guided import joined
 from massprops.sfm.points import project, project_camera
 from massprops.sfm.steady import largest_jump, stretches
 
@@ -45,6 +46,7 @@ def test_joined_matches_keep_the_first_and_use_no_feature_of_it_again(one: list,
     st.lists(st.tuples(st.integers(0, 4), st.integers(0, 6), st.floats(0.01, 1.5)), max_size=12), arrays((7, 2), 90.0)
 )
 def test_the_likest_is_one_for_each_and_alike_enough(pairs: list, uv: np.ndarray) -> None:
+    pairs = sorted(pairs, key=lambda p: p[0])
     which, other, angle = (np.array([p[i] for p in pairs]) for i in range(3))
     rows, features = likest(which.astype(int), other.astype(int), angle.astype(float), uv)
     assert len(set(rows)) == len(rows)
