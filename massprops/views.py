@@ -6,6 +6,7 @@ Nothing here needs pycolmap, so stages that use numba or open3d never load it.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +30,10 @@ def entries(start: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 ARRAYS = ("timestamp_ns", "size", "K", "distortion", "R", "t")
 """The arrays of `Views`, one row for each image, in order."""
+
+
+LENSES = 4
+"""Of so many lenses, where each pixel lies undistorted is kept: it takes longer to find than to use."""
 
 
 @dataclass(frozen=True)
@@ -116,12 +121,46 @@ def undistort(image: np.ndarray, K: np.ndarray, distortion: np.ndarray, nearest:
     import cv2
 
     h, w = image.shape[:2]
-    maps = cv2.initUndistortRectifyMap(
-        np.asarray(K, float),
-        np.asarray(distortion, float).reshape(-1, 1),
-        np.eye(3),
-        np.asarray(K, float),
-        (w, h),
-        cv2.CV_32FC1,
-    )
+    maps = _undistorting((w, h), *_written(K, distortion))
     return np.asarray(cv2.remap(image, *maps, cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR))
+
+
+def distort(image: np.ndarray, K: np.ndarray, distortion: np.ndarray) -> np.ndarray:
+    """The image (h, w) of a pinhole camera as the lens with the same matrix shows it; arguments as those of `undistort`."""
+    if not np.any(distortion):
+        return image
+    import cv2
+
+    h, w = image.shape[:2]
+    return np.asarray(cv2.remap(image, *_distorting((w, h), *_written(K, distortion)), cv2.INTER_LINEAR))
+
+
+def _written(K: np.ndarray, distortion: np.ndarray) -> tuple[bytes, bytes]:
+    """A lens as what is computed for all of its images is kept by."""
+    return np.asarray(K, float).tobytes(), np.asarray(distortion, float).tobytes()
+
+
+def _read(K: bytes, distortion: bytes) -> tuple[np.ndarray, np.ndarray]:
+    """K (3, 3) and the distortion (d, 1) of `_written`."""
+    return np.frombuffer(K).reshape(3, 3), np.frombuffer(distortion).reshape(-1, 1)
+
+
+@lru_cache(maxsize=LENSES)
+def _undistorting(size: tuple[int, int], K: bytes, distortion: bytes) -> tuple[np.ndarray, np.ndarray]:
+    """Where in an image each pixel of the pinhole camera lies, (h, w) columns and rows; size: width, height [px]."""
+    import cv2
+
+    k, d = _read(K, distortion)
+    return cv2.initUndistortRectifyMap(k, d, np.eye(3), k, size, cv2.CV_32FC1)
+
+
+@lru_cache(maxsize=LENSES)
+def _distorting(size: tuple[int, int], K: bytes, distortion: bytes) -> tuple[np.ndarray, np.ndarray]:
+    """Where in the pinhole camera's image each pixel of the lens lies, (h, w) columns and rows; size: width, height [px]."""
+    import cv2
+
+    k, d = _read(K, distortion)
+    w, h = size
+    u, v = np.meshgrid(np.arange(w, dtype=np.float64), np.arange(h, dtype=np.float64))
+    at = cv2.undistortPoints(np.column_stack([u.ravel(), v.ravel()])[:, None], k, d, P=k).reshape(h, w, 2)
+    return at[..., 0].astype(np.float32), at[..., 1].astype(np.float32)

@@ -13,6 +13,7 @@ import numpy as np
 from massprops.capture.colours import BINS, colour_cells, without_small_gaps
 from massprops.core.robust import mad_sigma
 from massprops.geometry.projection import on_pixels, pixels_of
+from massprops.views import distort
 
 BAND = 0.03
 """Band about the drawn outline that the image decides, in equivalent diameters of the silhouette. On two rendered
@@ -410,26 +411,7 @@ def moved(agreement: np.ndarray) -> np.ndarray:
     return (agreement < LEAST_AGREEMENT) & (agreement < middle - BELOW * scatter)
 
 
-def to_stored(found: np.ndarray, size: tuple[int, int], K: np.ndarray, distortion: np.ndarray) -> np.ndarray:
-    """A silhouette of the undistorted view in the geometry of the stored frame.
-
-    Args:
-        found: (h, w) bool.
-        size: width, height of the stored frame [px].
-        K, distortion: (3, 3) and (4,) of the stored frame.
-
-    Returns:
-        (height, width) uint8 of 0 and 255.
-    """
-    import cv2
-
-    w, h = (int(v) for v in size)
-    full = found.astype(np.float32)
-    if np.any(distortion):
-        u, v = np.meshgrid(np.arange(w, dtype=np.float64), np.arange(h, dtype=np.float64))
-        pixel = np.column_stack([u.ravel(), v.ravel()])[:, None]
-        lens = np.asarray(distortion, float).reshape(-1, 1)
-        at = cv2.undistortPoints(pixel, np.asarray(K, float), lens, P=np.asarray(K, float))
-        grid = at.reshape(h, w, 2).astype(np.float32)
-        full = cv2.remap(full, grid[..., 0].copy(), grid[..., 1].copy(), cv2.INTER_LINEAR)
-    return np.where(full > 0.5, 255, 0).astype(np.uint8)
+def to_stored(found: np.ndarray, K: np.ndarray, distortion: np.ndarray) -> np.ndarray:
+    """(h, w) uint8 of 0 and 255: a silhouette (h, w) bool of the undistorted view in the geometry of the stored frame, whose lens
+    K (3, 3) and distortion (4,) are."""
+    return np.where(distort(found.astype(np.float32), K, distortion) > 0.5, 255, 0).astype(np.uint8)

@@ -164,7 +164,7 @@ def drawn_silhouette(image: np.ndarray, views: Views, i: int, shown: Visible) ->
 
 def stored(mask: np.ndarray, views: Views, i: int) -> np.ndarray:
     """A silhouette (h, w) of `drawn_silhouette` in the geometry of the stored frame."""
-    lens = tuple(views.size[i]), views.K[i], views.distortion[i]
+    lens = views.K[i], views.distortion[i]
     out = to_stored(mask == 255, *lens)
     out[(to_stored(mask > 0, *lens) > 0) & (out == 0)] = AMBIGUOUS
     return out

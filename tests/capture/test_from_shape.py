@@ -177,7 +177,7 @@ def test_a_silhouette_returns_to_the_distorted_frame() -> None:
     K = np.array([[300.0, 0, 160], [0, 300, 120], [0, 0, 1]])
     distortion = np.array([-0.2, 0.05, 0.001, -0.002])
     truth = disc(200, 100, 40)
-    stored = to_stored(truth, (320, 240), K, distortion)
+    stored = to_stored(truth, K, distortion)
     again = undistort(stored, K, distortion, nearest=True) > 127
     assert stored.dtype == np.uint8 and set(np.unique(stored)) == {0, 255}
     assert overlap(again, truth) > 0.97

@@ -65,7 +65,7 @@ def run_of(tmp_path: Path, left_out: int = 5, unplaced: int = 6) -> tuple[Path, 
     for i, name in enumerate(views.names):
         flat = np.zeros(size[i][::-1], bool)
         flat[30 + 4 * i : 150, 60:220] = True
-        mask = to_stored(flat, tuple(size[i]), Ks[i], LENS)
+        mask = to_stored(flat, Ks[i], LENS)
         mask[100:110, 60:70] = AMBIGUOUS
         file = run / "work" / "silhouettes" / "masks" / f"{name}.png"
         file.parent.mkdir(parents=True, exist_ok=True)
