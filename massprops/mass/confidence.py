@@ -105,7 +105,7 @@ class PlacementEvidence:
     """What the ways say in which the object lay, and what no image shows of it.
 
     Attributes:
-        joined: placements that the mesh is made of.
+        turned: the mesh is made of placements on different sides.
         unjoined: placements that could not be joined to the one used.
         differing: those of them that have another volume or other moments, measured by themselves.
         hollow_possible: share of the volume that an underside nobody saw may hide as empty.
@@ -115,7 +115,7 @@ class PlacementEvidence:
         alike: two sides look alike, and placements were joined as of an object that was turned over, not moved.
     """
 
-    joined: int = 1
+    turned: bool = False
     unjoined: int = 0
     differing: int = 0
     hollow_possible: float = 0.0
@@ -257,7 +257,7 @@ def _of_images(images: ImageEvidence) -> list[Finding]:
 def _of_placements(placements: PlacementEvidence, filled: float) -> list[Finding]:
     """Findings of a turned object; filled: share of the surface."""
     found = []
-    if placements.joined > 1 and filled > FILLED:
+    if placements.turned and filled > FILLED:
         found.append((2, _open_though_turned(filled)))
     if placements.alike:
         found.append(

@@ -233,10 +233,11 @@ def contradicted(first: Side, second: Side, R: np.ndarray, t: np.ndarray, overla
     return found is not None and found[0] < BORNE_OUT * overlap
 
 
-def same_surface(first: Side, second: Side, R: np.ndarray, t: np.ndarray) -> bool:
-    """Whether as many features agree on how the second placement is laid, x by R x + t, as if both showed the same side."""
+def same_surface(first: Side, second: Side, R: np.ndarray, t: np.ndarray) -> bool | None:
+    """Whether as many features agree on how the second placement is laid, x by R x + t, as if both showed the same side; None of too
+    few."""
     found = _borne_out(first, second, R, t)
-    return found is not None and found[1] > SAME_SURFACE
+    return None if found is None else found[1] > SAME_SURFACE
 
 
 def _borne_out(first: Side, second: Side, R: np.ndarray, t: np.ndarray) -> tuple[float, float] | None:

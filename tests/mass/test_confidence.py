@@ -24,8 +24,8 @@ from massprops.mass.properties import properties_of_integrals
         (evidence(0.03, 0.05, 0.0, 40, 40, unjoined=1, differing=1), "low", "another volume"),
         (evidence(0.03, 0.05, 0.0, 40, 40, alike=True), "medium", "if it was only moved"),
         (evidence(0.03, 0.05, 0.0, 40, 40, matches_required=45), "medium", "sides of the object look alike"),
-        (evidence(0.03, 0.05, 0.0, 40, 40, joined=2), "high", "±3 %"),
-        (evidence(0.15, 0.41, 0.0, 48, 48, joined=2), "low", "may be hollow"),
+        (evidence(0.03, 0.05, 0.0, 40, 40, turned=True), "high", "±3 %"),
+        (evidence(0.15, 0.41, 0.0, 48, 48, turned=True), "low", "may be hollow"),
         (evidence(0.15, 0.41, 0.0, 48, 48), "medium", "±15 %"),
         (evidence(0.03, 0.05, 0.0, 40, 40, valid=0.3), "low", "enclose no volume"),
         (evidence(0.03, 0.05, 0.0, 40, 40, outside=0.2), "medium", "up to 20 % of the images"),
@@ -73,7 +73,7 @@ def test_a_collapsed_replicate_is_no_opinion() -> None:
 
 
 def test_a_body_turned_over_that_may_be_a_shell_is_said_to_be() -> None:
-    found = confidence(evidence(0.6, 0.41, 0.0, 48, 48, joined=2, behind_fill=0.9))
+    found = confidence(evidence(0.6, 0.41, 0.0, 48, 48, turned=True, behind_fill=0.9))
     assert "90 % less volume" in found["because"][-1] and "underside" not in found["because"][-1]
 
 

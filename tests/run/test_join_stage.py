@@ -19,7 +19,7 @@ from massprops.geometry.rasterise import rasterise
 from massprops.run import silhouettes_again
 from massprops.run.drawn_silhouettes import Visible
 from massprops.run.stages import join
-from massprops.run.stages.join import _best_first, _entry_of, _laid, _laid_again, _reason
+from massprops.run.stages.join import _best_first, _entry_of, _laid, _laid_again, _reason, _support
 from massprops.sfm.across import Laid
 from massprops.sfm.points import SparsePoints, project
 from massprops.surface.cloud import Cloud
@@ -107,7 +107,7 @@ def test_features_join_what_shape_and_paint_leave_open(monkeypatch: pytest.Monke
     monkeypatch.setattr("massprops.sfm.across.contradicted", lambda *_: False)
     monkeypatch.setattr("massprops.surface.registration.overlap", lambda *_: 0.5)
     side = SimpleNamespace(beside=lambda *_: side)
-    placed = SimpleNamespace(shape=np.array([[-1.0, 0, 0], [1.0, 0, 0]]), pixel=0.01, middle=np.zeros(3))
+    placed = SimpleNamespace(shape=np.array([[-1.0, 0, 0], [1.0, 0, 0]]), pixel=0.01, middle=np.zeros(3), support=None)
     job: Any = SimpleNamespace(seed=0)
     pair: Any = (placed, side)
     said, turn, _ = _laid(job, pair, pair, unclear)
@@ -152,7 +152,7 @@ def test_an_answer_that_misses_first_silhouettes_is_asked_again(
     monkeypatch.setattr("massprops.surface.registration.with_silhouettes", lambda side, *_: side)
     monkeypatch.setattr("massprops.surface.registration.drawn_again", again)
     monkeypatch.setattr("massprops.sfm.across.lay", lambda *_, **__: None)
-    side = SimpleNamespace(middle=np.zeros(3))
+    side = SimpleNamespace(middle=np.zeros(3), support=None)
     shown: Any = {k: (side, None) for k in (0, 1)}
     job: Any = SimpleNamespace(seed=0, out=tmp_path)
     index = {0: np.arange(3), 1: np.arange(3, 6)}
@@ -228,6 +228,34 @@ def test_two_ways_up_that_look_alike_are_joined_turned_over(monkeypatch: pytest.
     assert np.array_equal(turn, R if same else over)
     assert said["features"] == (144 if same else 0) and ("alike" in said) is not same
     assert (len(warned) == 0) is same
+
+
+@pytest.mark.parametrize(
+    ("same", "rival_px", "joins"), [(True, 0.25, True), (False, 0.25, False), (None, 0.25, True), (False, 5.0, True)]
+)
+def test_one_side_seen_twice_is_joined_where_its_features_say_so(
+    monkeypatch: pytest.MonkeyPatch, same: bool | None, rival_px: float, joins: bool
+) -> None:
+    """As of a thing that was moved on its support, or turned over onto a side that looks like the other one."""
+    found = registered(colour=0.5, outside_px=0.1, rival_px=rival_px)
+    monkeypatch.setattr(
+        "massprops.sfm.across.lay", lambda *_, **__: Laid(R, T, np.eye(6), np.zeros(3), 144, 0.3, 441, 50.0)
+    )
+    monkeypatch.setattr("massprops.sfm.across.same_surface", lambda *_: same)
+    monkeypatch.setattr("massprops.sfm.across.contradicted", lambda *_: False)
+    monkeypatch.setattr("massprops.surface.registration.overlap", lambda *_: 0.5)
+    up = np.array([0.0, 0, 1])
+    first, second = (SimpleNamespace(support=np.append(n, 0.0), middle=np.zeros(3)) for n in (up, R.T @ up))
+    job: Any = SimpleNamespace(seed=0)
+    said = _laid(job, (first, None), (second, None), found)[0]  # type: ignore[arg-type]
+    assert ("reason" not in said) is joins
+    planes = [{"support_plane": [0.0, 0, 1, 0], "support_rise": 0.1}, {}]
+    shown: Any = {0: (first, None), 1: (second, None)}
+    part: Any = np.arange(3)
+    moved = _support(planes, shown, [(part, np.eye(3), T, 0), (part, R, T, 1)])
+    over = _support(planes, shown, [(part, np.eye(3), T, 0), (part, np.diag([1.0, -1, -1]) @ R, T, 1)])
+    assert moved == planes[0] and over["support_plane"] is None
+    assert _support(planes, shown, [(part, np.eye(3), T, 0)]) == planes[0]
 
 
 def test_moving_views_with_their_world_changes_no_image() -> None:

@@ -148,7 +148,7 @@ def _evidence(
             shutter=str(shutter["said"]) if shutter.get("doubtful") else "",
         ),
         PlacementEvidence(
-            joined=len(join["joined"]),
+            turned=len(join["joined"]) > 1 and join["support_plane"] is None,
             unjoined=len(join["unjoined"]),
             differing=int(surface["differing_placements"]),
             hollow_possible=float(surface["hollow_possible"]),

@@ -200,7 +200,7 @@ def _by_images(
         placement[joint.first : joint.last + 1] = number
     surface = moved_to_images(surface, views, grey, masks, placement)
     # where an object lay on either side no one support tells what is its shade
-    return surface if len(place["joined"]) > 1 else moved_to_edges(surface, views, grey, masks)
+    return surface if _turned_over(place) else moved_to_edges(surface, views, grey, masks)
 
 
 def _draw_silhouettes_again(job: Job, surface: Surface, views: Views, masks: list[np.ndarray], moving: bool) -> None:
@@ -281,6 +281,11 @@ def _symmetric(
     return [one for one in out if one["images_alike"]]
 
 
+def _turned_over(place: dict[str, Any]) -> bool:
+    """Whether the images show more sides than one that the object lay on; `place` is `join.json`."""
+    return len(place["joined"]) > 1 and place["support_plane"] is None
+
+
 def _joints(place: dict[str, Any]) -> list[Joint]:
     """How well the placements lie on the first; `place` is `join.json`."""
     from massprops.surface.spread import Joint
@@ -328,7 +333,7 @@ def _behind_sides(surface: Surface, gaps: Gaps, place: dict[str, Any]) -> np.nda
     from massprops.surface.behind_fill import behind_fill
 
     mesh = surface.vertices, surface.faces
-    if len(place["joined"]) > 1:
+    if _turned_over(place):
         if _filled(surface) < FILLED:
             return np.zeros(10)
         return behind_fill(*mesh, surface.observed, surface.noise, surface.spacing)

@@ -45,7 +45,7 @@ def prepare(scene: Scene, scans: Path, folder: Path) -> None:
     pictures = rooms.Pictures(rng)
     lens = cameras.draw_lens(rng, upright=scene.images != "photos")
     things = rooms.shell(rng, pictures, scene.table)
-    rests = resting_poses(item.mesh, scene.up, scene.turned)
+    rests = resting_poses(item.mesh, scene.up, scene.turned) * (2 if scene.again else 1)
     footprint = max(_reach(item, pose) for pose in rests)
     raised = 0.0
     if scene.stand:

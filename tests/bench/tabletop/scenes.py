@@ -31,6 +31,7 @@ class Scene:
         images: `video` (hand-held), `photos` (with EXIF), `turntable` (video, the camera and the room stand still).
         turned: the object is turned over half-way, the room stays (photographs only).
         moved: a hand turns the object on the table after every few photographs, and the camera stays on one side of it.
+        again: the object is turned on the table half-way, the same side up, and photographed all round once more.
         table: a kind of `rooms.TABLES`.
         cluttered: other things lie about.
         stand: the object stands on a block.
@@ -47,6 +48,7 @@ class Scene:
     images: str
     turned: bool = False
     moved: bool = False
+    again: bool = False
     table: str = "plain"
     cluttered: bool = False
     stand: bool = False
@@ -66,7 +68,7 @@ class Scene:
 
 
 def _scene(number: int, item: str, images: str, table: str, words: str = "", up: tuple | None = None) -> Scene:
-    """`words`: any of turned, moved, cluttered, stand, plain, glossy."""
+    """`words`: any of turned, moved, again, cluttered, stand, plain, glossy."""
     said = set(words.split())
     half = "held" if number % 2 else "dev"
     finish = next((f for f in ("plain", "glossy") if f in said), "textured")
@@ -78,6 +80,7 @@ def _scene(number: int, item: str, images: str, table: str, words: str = "", up:
         images=images,
         turned=turned,
         moved="moved" in said,
+        again="again" in said,
         table=table,
         cluttered="cluttered" in said,
         stand="stand" in said,
@@ -119,8 +122,10 @@ SCENES = (
 MOVED = (
     _scene(24, "010_potted_meat_can", "photos", "wood", "moved cluttered", UPRIGHT),
     _scene(25, "021_bleach_cleanser", "photos", "tiles", "moved cluttered", UPRIGHT),
+    _scene(26, "shoe", "photos", "wood", "again", UPRIGHT),
+    _scene(27, "043_phillips_screwdriver", "photos", "cloth", "again"),
 )
-"""Further scenes, not among the 24, of objects that a hand turns before a camera that stays on one side."""
+"""Further scenes, not among the 24, of objects that a hand turns before a camera that stays on one side, or between two rounds."""
 
 
 def by_name(name: str) -> Scene:
