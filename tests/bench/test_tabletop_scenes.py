@@ -60,6 +60,12 @@ def test_a_hand_turns_the_object_and_what_is_seen_of_it_stays() -> None:
             assert abs(np.arctan2(away[1], away[0])) < np.radians(5)
 
 
+def test_photographs_of_an_arc_are_taken_from_one_half_of_the_room() -> None:
+    poses = np.array(cameras.photographs(np.random.default_rng(1), 40, 0.5, np.zeros(3), np.pi))
+    assert np.mean(poses[:, 1, 3] > 0) > 0.9 and np.ptp(poses[:, 0, 3]) > 0.5
+    assert by_name("34_dev_shoe").arc and not by_name("08_dev_shoe").arc
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_our_objects_are_closed_and_rest_on_the_table(kind: str) -> None:
     for scene in (s for s in SCENES if s.item == kind):

@@ -33,7 +33,7 @@ TOO_COARSE = "only the outline of one of them is known, and that is too coarse t
 """A padlock whose dark shackle was missing in most silhouettes fitted best, and by its paint too, the wrong way round. So of such a
 placement the silhouettes must say alone how it lies."""
 LOOKS_ALIKE = (
-    "turned the way that fits best, both would show the same sides, and yet they have next to no features in common: two "
+    "turned the way that fits best, both would show the same sides, and yet they have few features in common: two "
     "sides of the object look alike"
 )
 ALIKE = (

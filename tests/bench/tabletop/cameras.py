@@ -95,16 +95,18 @@ def hand_held(rng: np.random.Generator, seconds: float, distance: float, target:
     return path
 
 
-def photographs(rng: np.random.Generator, count: int, distance: float, target: np.ndarray) -> list[np.ndarray]:
-    """Rings at two heights and a few from above; (4, 4) each."""
+def photographs(
+    rng: np.random.Generator, count: int, distance: float, target: np.ndarray, arc: float = 2 * np.pi
+) -> list[np.ndarray]:
+    """Rings at two heights and a few from above, or arcs [rad] of them; (4, 4) each."""
     above = max(2, count // 12)
     low = (count - above + 1) // 2
     rings = ((low, 24.0), (count - above - low, 48.0), (above, 70.0))
     poses = []
     for many, degrees in rings:
-        begin = rng.uniform(0, 2 * np.pi)
+        begin = rng.uniform(0, 2 * np.pi) if arc == 2 * np.pi else 0.0
         for i in range(many):
-            azimuth = begin + 2 * np.pi * (i + rng.uniform(-0.25, 0.25)) / many
+            azimuth = begin + arc * (i + rng.uniform(-0.25, 0.25)) / many
             elevation = np.radians(degrees + rng.uniform(-5, 5))
             away = distance * rng.uniform(0.93, 1.1)
             seen = target + away * 0.025 * rng.standard_normal(3)

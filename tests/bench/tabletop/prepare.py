@@ -58,11 +58,15 @@ def prepare(scene: Scene, scans: Path, folder: Path) -> None:
     if scene.cluttered:
         things += rooms.clutter(rng, pictures, free, max(2.5 * footprint, free + 0.25))
     lamps, ambient = rooms.lights(rng)
+    if scene.flash:
+        lamps, ambient = [], {**ambient, "strength": 0.15 * ambient["strength"]}
     moves = _moves(scene, rng, item, rests, raised, lens)
     pictures.images["body"] = item.image
     document = {
         "size": [lens.width + 2 * MARGIN, lens.height + 2 * MARGIN],
         "focal": lens.focal,
+        "flash": scene.flash,
+        "focus": scene.macro,
         "samples": SAMPLES,
         "body": {"picture": "body", "span": item.span, "smooth": item.uv is not None, **item.look},
         "things": things,
@@ -150,7 +154,7 @@ def _moves(
             path = cameras.hand_held(rng, share / float(FPS), away, target)
             shots = [[path(i / float(FPS) + d) for d in (-half, 0.0, half)] for i in range(share)]
         else:
-            shots = [[pose] * 3 for pose in cameras.photographs(rng, share, away, target)]
+            shots = [[pose] * 3 for pose in cameras.photographs(rng, share, away, target, np.pi if scene.arc else 2 * np.pi)]
         if scene.moved:
             push = rng.uniform(-0.01, 0.01, (share // BY_HAND + 1, 2))
             found += [_turned_by_hand(shots, i, body, target, push[i // BY_HAND]) for i in range(share)]

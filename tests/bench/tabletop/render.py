@@ -131,6 +131,15 @@ def set_up(scene: dict) -> None:
     s.frame_set(1)
 
 
+def add_flash(camera: bpy.types.Object, away: float) -> None:
+    """A telephone's lamp beside its lens, bright enough for what lies `away` [m]."""
+    data = bpy.data.lights.new("flash", "AREA")
+    data.size, data.energy = 0.006, 8.0 * away**2
+    found = bpy.data.objects.new("flash", data)
+    bpy.context.collection.objects.link(found)
+    found.parent, found.location = camera, (0.012, 0.01, 0.0)
+
+
 def add_camera(scene: dict) -> bpy.types.Object:
     data = bpy.data.cameras.new("camera")
     data.sensor_fit, data.sensor_width = "HORIZONTAL", 36.0
@@ -191,6 +200,11 @@ def main(work: Path) -> None:
             movers.append(thing["moves"])
     add_lights(scene)
     camera = add_camera(scene)
+    away = float(np.linalg.norm(np.array(scene["frames"][0]["camera"][1])[:3, 3]))
+    if scene.get("flash"):
+        add_flash(camera, away)
+    if scene.get("focus"):
+        camera.data.dof.use_dof, camera.data.dof.focus_object, camera.data.dof.aperture_fstop = True, body, 2.0
     for i in missing:
         frame = scene["frames"][i]
         place(camera, [np.array(p) @ FROM_OPENCV for p in frame["camera"]])

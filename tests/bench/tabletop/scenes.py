@@ -32,6 +32,9 @@ class Scene:
         turned: the object is turned over half-way, the room stays (photographs only).
         moved: a hand turns the object on the table after every few photographs, and the camera stays on one side of it.
         again: the object is turned on the table half-way, the same side up, and photographed all round once more.
+        arc: the photographs are taken from one half of the room.
+        flash: the camera's own lamp lights the object, and little else does.
+        macro: the lens is wide open, so that what lies before or behind the object's middle is out of focus.
         table: a kind of `rooms.TABLES`.
         cluttered: other things lie about.
         stand: the object stands on a block.
@@ -49,6 +52,9 @@ class Scene:
     turned: bool = False
     moved: bool = False
     again: bool = False
+    arc: bool = False
+    flash: bool = False
+    macro: bool = False
     table: str = "plain"
     cluttered: bool = False
     stand: bool = False
@@ -68,7 +74,7 @@ class Scene:
 
 
 def _scene(number: int, item: str, images: str, table: str, words: str = "", up: tuple | None = None) -> Scene:
-    """`words`: any of turned, moved, again, cluttered, stand, plain, glossy."""
+    """`words`: any of turned, moved, again, arc, flash, macro, few, cluttered, stand, plain, glossy."""
     said = set(words.split())
     half = "held" if number % 2 else "dev"
     finish = next((f for f in ("plain", "glossy") if f in said), "textured")
@@ -81,12 +87,15 @@ def _scene(number: int, item: str, images: str, table: str, words: str = "", up:
         turned=turned,
         moved="moved" in said,
         again="again" in said,
+        arc="arc" in said,
+        flash="flash" in said,
+        macro="macro" in said,
         table=table,
         cluttered="cluttered" in said,
         stand="stand" in said,
         up=up,
         finish=finish,
-        count=56 if turned else 30 if "moved" in said else 40,
+        count=56 if turned else 30 if "moved" in said else 12 if "few" in said else 40,
     )
 
 
@@ -119,13 +128,18 @@ SCENES = (
 """Half of them hold scanned objects, eight are turned over: four on each side."""
 
 
-MOVED = (
+FURTHER = (
     _scene(24, "010_potted_meat_can", "photos", "wood", "moved cluttered", UPRIGHT),
     _scene(25, "021_bleach_cleanser", "photos", "tiles", "moved cluttered", UPRIGHT),
     _scene(26, "shoe", "photos", "wood", "again", UPRIGHT),
     _scene(27, "043_phillips_screwdriver", "photos", "cloth", "again"),
+    _scene(28, "figure", "photos", "wood", "flash", UPRIGHT),
+    _scene(30, "010_potted_meat_can", "photos", "newspaper", "macro", UPRIGHT),
+    _scene(32, "021_bleach_cleanser", "photos", "wood", "few", UPRIGHT),
+    _scene(34, "shoe", "photos", "tiles", "arc", UPRIGHT),
 )
-"""Further scenes, not among the 24, of objects that a hand turns before a camera that stays on one side, or between two rounds."""
+"""Further scenes, not among the 24: objects that a hand turns before a camera that stays on one side, or between two rounds, and other
+ways in which people take photographs."""
 
 
 def by_name(name: str) -> Scene:
@@ -135,7 +149,7 @@ def by_name(name: str) -> Scene:
         KeyError: there is none.
     """
     first, _, draw = name.partition("-")
-    known = {s.name: s for s in (*SCENES, *MOVED)}
+    known = {s.name: s for s in (*SCENES, *FURTHER)}
     if name in known:
         return known[name]
     if not (draw.isdecimal() and int(draw) > 1):
