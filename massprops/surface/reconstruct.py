@@ -18,7 +18,7 @@ See `spread` for what that leaves uncertain.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from typing import TYPE_CHECKING
@@ -36,6 +36,7 @@ from massprops.surface.flat_sides import FlatSide, enclosed, flat_sides, in_fron
 from massprops.surface.join import joined
 from massprops.surface.outline_fill import filling_outlines
 from massprops.surface.refine import (
+    Film,
     face_normals,
     fair,
     least_area,
@@ -47,6 +48,7 @@ from massprops.surface.refine import (
 )
 from massprops.surface.silhouette import Hull, hull_points, make_hull
 from massprops.surface.silhouette_only import SilhouetteOnly, inside_reward, silhouette_only_space
+from massprops.surface.standing_off import standing_off
 from massprops.surface.tetra import Tetrahedra, sight_evidence, tetrahedra_at_depth, tetrahedralise
 from massprops.views import Views
 
@@ -104,8 +106,6 @@ padlock and a tin that were turned over (5 to 59 % filled in), volumes that were
 -4.8, -1.5, +3.9 and +0.1 %, and k1 of the banana by .005 in place of .111."""
 PULLS = Pull(FILL), Pull(0.0)
 """Between which a free body's motion chooses, and `CONTINUED` where it has flat sides that go on."""
-Film = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-"""Of vertices (v, 3), faces (f, 3) and which vertices are held (v,): where all are on a film over those."""
 Mesh = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Vertices (v, 3), faces (f, 3) and kinds (v,) of a cut's mesh."""
 
@@ -271,6 +271,8 @@ def _finished(given: _Given, mesh: Mesh, fill: Fill) -> Surface:
         loose = fixed & (kinds != CONTACT) & ~without_islands(faces, fixed, FEWEST_HOLD)
         if loose.any():
             fixed = fixed & ~(loose & _lifted(vertices, film(vertices, faces, fixed & ~loose), faces, support))
+    elif given.masks and not given.moving:
+        fixed = fixed & ~standing_off(vertices, faces, fixed, given.views, given.masks)
     vertices = _hollow(vertices, faces, fixed, support, fill.membrane, film)
     if given.masks and not given.moving:
         vertices = filling_outlines(vertices, faces, ~fixed, given.views, given.masks, hull.pixel)

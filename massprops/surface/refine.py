@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +12,9 @@ if TYPE_CHECKING:
 
 from massprops.geometry.vectors import unit
 from massprops.surface.cloud import Cloud
+
+Film = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+"""Of vertices (v, 3), faces (f, 3) and which vertices are held (v,): where all are on a film over those."""
 
 
 def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -114,15 +118,20 @@ def mean_matrix(faces: np.ndarray, size: int) -> csr_matrix:
     return diags(1 / np.maximum(np.asarray(link.sum(1)).ravel(), 1)) @ link
 
 
-def without_islands(faces: np.ndarray, fixed: np.ndarray, least: int) -> np.ndarray:
-    """(v,) bool: those of the vertices that are `fixed` (v,) of which at least so many hang together by edges of the faces (f, 3)."""
+def pieces(faces: np.ndarray, fixed: np.ndarray) -> np.ndarray:
+    """(v,) int: which of the vertices that are `fixed` (v,) hang together by edges of the faces (f, 3); each other vertex is one of its own."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
     edges = np.concatenate([faces[:, [i, (i + 1) % 3]] for i in range(3)])
     i, j = edges[fixed[edges].all(axis=1)].T
     graph = coo_matrix((np.ones(len(i), np.int8), (i, j)), shape=(len(fixed),) * 2)
-    label = connected_components(graph, directed=False)[1]
+    return np.asarray(connected_components(graph, directed=False)[1])
+
+
+def without_islands(faces: np.ndarray, fixed: np.ndarray, least: int) -> np.ndarray:
+    """(v,) bool: those of the vertices that are `fixed` (v,) of which at least so many hang together by edges of the faces (f, 3)."""
+    label = pieces(faces, fixed)
     return np.asarray(fixed & (np.bincount(label)[label] >= least))
 
 

@@ -154,7 +154,9 @@ def _moves(
             path = cameras.hand_held(rng, share / float(FPS), away, target)
             shots = [[path(i / float(FPS) + d) for d in (-half, 0.0, half)] for i in range(share)]
         else:
-            shots = [[pose] * 3 for pose in cameras.photographs(rng, share, away, target, np.pi if scene.arc else 2 * np.pi)]
+            shots = [
+                [pose] * 3 for pose in cameras.photographs(rng, share, away, target, np.pi if scene.arc else 2 * np.pi)
+            ]
         if scene.moved:
             push = rng.uniform(-0.01, 0.01, (share // BY_HAND + 1, 2))
             found += [_turned_by_hand(shots, i, body, target, push[i // BY_HAND]) for i in range(share)]
