@@ -48,15 +48,29 @@ def describe(keypoints: np.ndarray, descriptors: np.ndarray) -> Described:
         keypoints: (k, 2 or more) x, y ... [px].
         descriptors: (k, 128) uint8.
     """
+    rows = unit(descriptors)
+    return _described(rows, _likeness(rows, keypoints[:, :2], np.zeros(0, np.float32)))
+
+
+def _described(rows: np.ndarray, cosine: np.ndarray) -> Described:
+    """Rows (k, 128) of which the largest cosine (k,) to any other is known."""
+    own = angles(cosine)
+    return Described(rows, own, np.flatnonzero(own > LEAST_OWN))
+
+
+def _likeness(rows: np.ndarray, places: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """(k,) largest cosine of each row (k, 128) to any elsewhere; places (k, 2) [px]; known (a,) of the first among themselves."""
     from scipy.spatial import cKDTree
 
-    rows = unit(descriptors)
-    cosine = rows @ rows.T
-    near = cKDTree(keypoints[:, :2]).query_pairs(APART, output_type="ndarray") if len(rows) else np.zeros((0, 2), int)
-    cosine[near[:, 0], near[:, 1]] = cosine[near[:, 1], near[:, 0]] = 0.0
-    np.fill_diagonal(cosine, 0.0)
-    own = angles(cosine.max(1, initial=0.0))
-    return Described(rows, own, np.flatnonzero(own > LEAST_OWN))
+    a = len(known)
+    cosine = rows[a:] @ rows.T
+    first, second = cKDTree(places).query_pairs(APART, output_type="ndarray").T if len(rows) else np.zeros((2, 0), int)
+    for i, j in ((first, second), (second, first)):
+        fresh = i >= a
+        cosine[i[fresh] - a, j[fresh]] = 0.0
+    fresh = np.arange(a, len(rows))
+    cosine[fresh - a, fresh] = 0.0
+    return np.concatenate([np.maximum(known, cosine[:, :a].max(0, initial=0.0)), cosine.max(1, initial=0.0)])
 
 
 def largest(keypoints: np.ndarray, descriptors: np.ndarray, enough: int) -> tuple[np.ndarray, Described]:
@@ -71,15 +85,16 @@ def largest(keypoints: np.ndarray, descriptors: np.ndarray, enough: int) -> tupl
         descriptors: (k, 128) uint8.
     """
     order = np.argsort(-keypoints[:, 2], kind="stable")
-    count = enough
-    while count < len(order):
-        some = np.sort(order[:count])
-        described = describe(keypoints[some], descriptors[some])
-        unique = len(described.index)
-        if unique >= enough:
-            return some, described
-        count = min(2 * count, count * enough // max(unique, 1)) + 1
-    return np.arange(len(order)), describe(keypoints, descriptors)
+    rows, places = unit(descriptors[order]), keypoints[order, :2]
+    count, cosine = min(enough, len(order)), np.zeros(0, np.float32)
+    while True:
+        cosine = _likeness(rows[:count], places[:count], cosine)
+        unique = np.count_nonzero(angles(cosine) > LEAST_OWN)
+        if unique >= enough or count == len(order):
+            break
+        count = min(2 * count, count * enough // max(unique, 1) + 1, len(order))
+    back = np.argsort(order[:count])
+    return order[back], _described(rows[back], cosine[back])
 
 
 def unit(descriptors: np.ndarray) -> np.ndarray:
