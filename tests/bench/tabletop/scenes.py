@@ -134,6 +134,7 @@ FURTHER = (
     _scene(26, "shoe", "photos", "wood", "again", UPRIGHT),
     _scene(27, "043_phillips_screwdriver", "photos", "cloth", "again"),
     _scene(28, "figure", "photos", "wood", "flash", UPRIGHT),
+    _scene(29, "part", "photos", "tiles", "again"),
     _scene(30, "010_potted_meat_can", "photos", "newspaper", "macro", UPRIGHT),
     _scene(32, "021_bleach_cleanser", "photos", "wood", "few", UPRIGHT),
     _scene(34, "shoe", "photos", "tiles", "arc", UPRIGHT),
