@@ -10,7 +10,8 @@ vector of offsets, one a face, and costs one product of matrices. Each replicate
 3. the focal length: a symmetric strain with entries N(0, sigma_focal), which is how an error of self-calibration deforms
    a shape whose poses were fitted with it;
 4. patches of one side, and unmeasured faces in proportion to their distance from measured surface (`error_modes`), and on
-   a still object from where outlines show it; as far as the part is thick, and silhouettes leave room (`fill_bounds`);
+   a still object from where outlines show it; as far as the part is thick, and silhouettes leave room (`fill_bounds`); what was
+   closed at a plane of support, inward, and as the plane's height is off;
 5. how placements of an object that was turned over lie on each other;
 6. cameras that drift: where the object's outlines lie outside or inside the mesh's (`outline_gaps`) the surface is off by
    that; as far as they scatter about it, it is off in patches and bent as a whole; of a still object, either of the two may be
@@ -33,7 +34,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprops.mass.integrals import PAIRS, mesh_integrals, offset_response
-from massprops.surface.error_modes import COMMON, REACH, SIDE_PIXELS, fill_modes, measured_modes
+from massprops.surface.error_modes import COMMON, REACH, SIDE_PIXELS, fill_modes, measured_modes, underside_modes
 from massprops.surface.fill_bounds import beyond_bounds
 from massprops.surface.fill_by_motion import Balance
 from massprops.surface.length import model_length
@@ -155,8 +156,7 @@ def replicates(
     by_side = np.hypot(np.maximum(SIDE_PIXELS * pixel, scatter), drift)
     of_measured = measured_modes(*mesh, surface.observed, ends.length, by_side)
     add(rng.standard_normal((count, len(of_measured))), of_measured)
-    of_fill = _of_fill(surface, sources, ends.length)
-    of_replicates = _fill_draws(surface, sources, (count, len(of_fill)), rng)
+    of_fill, of_replicates = _of_fill(surface, sources, ends.length, count, rng)
     add(of_replicates, of_fill)
     rows -= beyond_bounds(mesh, surface.hull, of_fill, of_replicates, response)
 
@@ -243,10 +243,17 @@ def _outlined(surface: Surface, sources: ErrorSources, length: float) -> np.ndar
     return np.asarray(away + SILHOUETTE_MARGIN * surface.hull.pixel / COMMON)
 
 
-def _of_fill(surface: Surface, sources: ErrorSources, length: float) -> np.ndarray:
-    """(m, f) `fill_modes` of the surface; length: of the body."""
+def _of_fill(
+    surface: Surface, sources: ErrorSources, length: float, count: int, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """(m, f) modes of what was not measured, and (count, m) of each replicate in sigmas; length: of the body."""
     mesh, outlined = (surface.vertices, surface.faces), _outlined(surface, sources, length)
-    return fill_modes(*mesh, surface.observed, length, surface.inferred, outlined, surface.slope)
+    modes = fill_modes(*mesh, surface.observed, length, surface.inferred, outlined, surface.slope)
+    below = underside_modes(*mesh, surface.observed, surface.inferred, surface.hull.pixel, outlined)
+    drawn = _fill_draws(surface, sources, (count, len(modes)), rng)
+    under = rng.standard_normal((count, len(below)))
+    under[:, :1] = -np.abs(under[:, :1])
+    return np.concatenate([modes, below]), np.concatenate([drawn, under], axis=1)
 
 
 def _fill_draws(

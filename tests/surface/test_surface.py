@@ -112,6 +112,15 @@ def test_interval_holds_truth_and_widens_with_the_unseen_part(seen_all_round, se
     assert widths[0] < 0.16 * truth
 
 
+def test_replicates_reach_in_and_hardly_below_what_the_body_was_closed_at(seen_from_above):
+    surface, views = seen_from_above
+    own = mesh_integrals(surface.vertices, surface.faces)[0]
+    closed = replace(surface, inferred=~surface.observed)
+    filled, below = (replicates(s, views, ErrorSources(), seed=3)[0][:, 0] / own - 1 for s in (surface, closed))
+    assert abs(np.median(filled)) < 0.02 and np.median(below) < -0.02
+    assert np.quantile(below, 0.95) < 0.25 * np.quantile(filled, 0.95)
+
+
 def test_replicates_follow_the_seed(seen_all_round):
     surface, views = seen_all_round
     one, two, other = (replicates(surface, views, ErrorSources(0.002), count=20, seed=s)[0] for s in (1, 1, 2))
