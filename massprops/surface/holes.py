@@ -15,7 +15,7 @@ import numpy as np
 from massprops.geometry.projection import pixels_of
 from massprops.geometry.rasterise import rasterise
 from massprops.mass.integrals import face_areas
-from massprops.surface.hollow import columns_of, grid_of, integrals_of, solid_of, within
+from massprops.surface.hollow import Grid, columns_of, grid_of, integrals_of, runs_of, solid_cells, solid_of, within
 from massprops.surface.refine import face_normals
 from massprops.views import Views
 
@@ -148,8 +148,8 @@ def _seen(value: np.ndarray, measured: int) -> tuple[np.ndarray, np.ndarray, np.
 
 
 def straight_behind(body: Surface, places: list[np.ndarray]) -> np.ndarray:
-    """Integrals (10,), about the origin of the vertices, of the cells of the body that lie straight behind a place, against
-    its mean normal, up to where the body ends, less the wall that a measured far side proves."""
+    """Integrals (10,), about the origin of the vertices, of the cells of the body that lie straight behind a place and the section that the
+    walls before it leave free, against its mean normal, up to where the body ends, less the wall that a measured far side proves."""
     if not places:
         return np.zeros(10)
     vertices, faces = body.vertices, body.faces
@@ -170,10 +170,11 @@ def straight_behind(body: Surface, places: list[np.ndarray]) -> np.ndarray:
 def _below(
     points: np.ndarray, vertices: np.ndarray, faces: np.ndarray, place: np.ndarray, up: np.ndarray
 ) -> np.ndarray:
-    """(k,) bool: points (k, 3) of the body above which, along `up`, it ends at a face of the place."""
+    """(k,) bool: points (k, 3) of the body above which, along `up`, it ends at a face of the place, or in the free section before it."""
     grid, local = grid_of(vertices, np.array([*up, -float((vertices @ up).min())]))
     cell, height, face = columns_of(grid, local, faces)
     ends = np.isin(face, place)
+    free = _free_section(grid, (cell, height), ends)
     own = points @ grid.base.T + [0.0, 0.0, grid.offset]
     column = np.floor((own[:, :2] - grid.corner[:2]) / grid.step[:2]).astype(int)
     flat = column[:, 0] * int(grid.shape[1]) + column[:, 1]
@@ -183,4 +184,31 @@ def _below(
     key = cell * span + (height - low)
     after = np.searchsorted(key, flat * span + np.clip(own[:, 2] - low, 0.0, 0.5 * span))
     there = np.minimum(after, max(len(cell) - 1, 0))
-    return np.asarray((after < len(cell)) & (cell[there] == flat) & ends[there])
+    found = (after < len(cell)) & (cell[there] == flat)
+    return np.asarray(found & (ends[there] | (height[there] <= free[flat])))
+
+
+def _free_section(grid: Grid, crossings: tuple[np.ndarray, np.ndarray], ends: np.ndarray) -> np.ndarray:
+    """(columns,) height up to which a column before a place is free, while the body encloses that section all about; -inf of the others.
+
+    A bore is closed where nothing was measured deep in it, and narrows towards there: the walls at its mouth show how wide it is.
+
+    Args:
+        crossings: cell (c,) and height (c,) of `columns_of`; ends: (c,) bool, those at a face of the place.
+    """
+    from scipy.ndimage import label
+
+    cell, height = crossings
+    start, count = runs_of(cell)
+    solid = solid_cells(grid, cell, height, start[count >= 2], count[count >= 2])
+    shape, free = solid.shape[:2], np.full(solid.shape[:2], -np.inf)
+    floor = np.full(shape, np.inf)
+    np.minimum.at(floor.reshape(-1), cell[ends], height[ends])
+    level = grid.corner[2] + (np.arange(solid.shape[2]) + 0.5) * grid.step[2]
+    for k in np.flatnonzero(level > floor.min()):
+        piece, _ = label(~solid[:, :, k])
+        rim = np.unique(np.concatenate([piece[[0, -1]].ravel(), piece[:, [0, -1]].ravel()]))
+        before = np.unique(piece[level[k] > floor])
+        enclosed = np.isin(piece, np.setdiff1d(before, [0, *rim]))
+        free[enclosed] = level[k]
+    return free.ravel()

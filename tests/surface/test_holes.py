@@ -125,6 +125,16 @@ def _dented(
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.4])
+def test_a_bore_that_narrows_where_it_was_closed_may_go_on_as_wide_as_its_mouth(turn: float) -> None:
+    body, (floor,) = _dented((0.5, 0.0), turn=turn)
+    middle = body.vertices[body.faces[floor]].mean(axis=1)
+    inner = floor[np.linalg.norm(middle - middle.mean(axis=0), axis=1) < 0.6 * INNER]
+    space = straight_behind(body, [inner])
+    # the body's lower end was measured: a wall as thin as its noise is proven
+    assert space[0] == pytest.approx(np.pi * INNER**2 * (HEIGHT - 0.5), rel=0.08)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.4])
 def test_a_bore_measured_from_both_ends_is_opened(turn: float) -> None:
     body, places = _dented((0.4, 0.5), turn=turn)
     tubes, left = through_holes(body, places)
