@@ -89,7 +89,7 @@ def largest(keypoints: np.ndarray, descriptors: np.ndarray, enough: int) -> tupl
     count, cosine = min(enough, len(order)), np.zeros(0, np.float32)
     while True:
         cosine = _likeness(rows[:count], places[:count], cosine)
-        unique = np.count_nonzero(angles(cosine) > LEAST_OWN)
+        unique = int(np.count_nonzero(angles(cosine) > LEAST_OWN))
         if unique >= enough or count == len(order):
             break
         count = min(2 * count, count * enough // max(unique, 1) + 1, len(order))

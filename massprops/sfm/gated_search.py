@@ -9,6 +9,9 @@ from numba import njit
 
 from massprops.sfm.distinct import APART, RATIO, WIDEST, angles
 
+Grid = tuple[np.ndarray, np.ndarray, np.ndarray, float, int, int]
+"""Places by their cells, where each cell begins, the first cell's corner (2,), the cells' side [px], and how many there are either way."""
+
 
 def within(uv: np.ndarray, middle: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Pairs, numbers (g,) of a middle (k, 2) in rising order and (g,) of a place uv (m, 2), that are within reach (k,) [px]."""
@@ -34,10 +37,9 @@ def within(uv: np.ndarray, middle: np.ndarray, reach: np.ndarray) -> tuple[np.nd
 
 @njit(cache=True, error_model="numpy")
 def _within(
-    uv: np.ndarray, middle: np.ndarray, reach: np.ndarray, grid: tuple, which: np.ndarray, other: np.ndarray
+    uv: np.ndarray, middle: np.ndarray, reach: np.ndarray, grid: Grid, which: np.ndarray, other: np.ndarray
 ) -> int:
-    """Number of pairs; written where there is room. grid: places by their cells, where each cell begins, the first cell's corner
-    (2,), the cells' side, and how many there are either way."""
+    """Number of pairs; written where there is room."""
     order, start, first, side, rows, columns = grid
     n = 0
     for k in range(len(middle)):
