@@ -10,7 +10,7 @@ import numpy as np
 
 from massprops.geometry.projection import project
 from massprops.geometry.rasterise import silhouette
-from massprops.surface.refine import membrane, pieces
+from massprops.surface.refine import membrane, pieces, vertex_normals
 from massprops.views import Views
 
 MOSTLY = 0.5
@@ -23,7 +23,7 @@ BESIDE_PX = 2
 def standing_off(
     vertices: np.ndarray, faces: np.ndarray, fixed: np.ndarray, views: Views, masks: list[np.ndarray]
 ) -> np.ndarray:
-    """(v,) bool: vertices of pieces that stand farther off a film over the largest piece than they are wide, and that fewer than half of
+    """(v,) bool: vertices of pieces that stand farther out from a film over the largest piece than they are wide, and that fewer than half of
     the images show beside it.
 
     Args:
@@ -36,21 +36,25 @@ def standing_off(
     if len(names) < 2:
         return out
     stretched = membrane(vertices, faces, label == names[np.argmax(count)])
-    off = [own for own in (label == n for n in names[np.argsort(-count)[1:]]) if _far(vertices[own], stretched[own])]
+    outward = vertex_normals(stretched, faces)
+    parts = (label == n for n in names[np.argsort(-count)[1:]])
+    off = [own for own in parts if _far(vertices[own], stretched[own], outward[own])]
     if not off:
         return out
     beside = np.array([_beside(vertices, off, (stretched, faces), views, masks, i) for i in range(len(views))])
-    for k, own in enumerate(off):
-        if np.nanmean(beside[:, k]) < MOSTLY:
+    for own, shown in zip(off, beside.T, strict=True):
+        known = shown[np.isfinite(shown)]
+        if len(known) and known.mean() < MOSTLY:
             out |= own
     return out
 
 
-def _far(places: np.ndarray, film: np.ndarray) -> bool:
-    """Whether places (k, 3) lie farther from where the film (k, 3) has them than they reach aside."""
+def _far(places: np.ndarray, film: np.ndarray, outward: np.ndarray) -> bool:
+    """Whether places (k, 3) lie farther outside of where the film (k, 3) has them, whose normals are `outward` (k, 3), than they reach aside."""
     way = (places - film).mean(axis=0)
     away = float(np.linalg.norm(way))
-    if away == 0.0:
+    # what lies inward is the floor of a hollow, which the rest hides
+    if np.mean(outward @ way) <= 0.0:
         return False
     aside = places - places.mean(axis=0)
     aside = aside - np.outer(aside @ way, way) / away**2

@@ -29,14 +29,20 @@ def looking(from_: list[list[float]]) -> Views:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize(("below", "from_above", "dropped"), [(-0.99, 6, True), (-0.99, 2, False), (-0.8, 6, False)])
-def test_what_few_images_show_beside_the_body_is_none_of_it(below: float, from_above: int, dropped: bool) -> None:
-    """A ball of which all but the lower side was measured, and of that a spot below it; a foot, where most images show it beside the ball."""
+@pytest.mark.parametrize(
+    ("below", "away", "from_above", "dropped"),
+    [(-0.99, 0.3, 6, True), (-0.99, 0.3, 2, False), (-0.8, 0.3, 6, False), (-0.99, -1.2, 6, False)],
+)
+def test_what_few_images_show_beside_the_body_is_none_of_it(
+    below: float, away: float, from_above: int, dropped: bool
+) -> None:
+    """A ball of which all but the lower side was measured, and of that a spot below it; a foot, where most images show it beside the ball;
+    a hollow, where it lies within."""
     ball = trimesh.creation.icosphere(4)
     vertices, faces = np.array(ball.vertices), np.asarray(ball.faces)
     spot = vertices[:, 2] < below
     fixed = (vertices[:, 2] > -0.6) | spot
-    vertices[spot, 2] -= 0.3
+    vertices[spot, 2] -= away
     above = [[0.1 * k, 0.0, 5.0] for k in range(from_above)]
     views = looking(above + [[5.0 * np.cos(a), 5.0 * np.sin(a), 0.5] for a in np.arange(8 - from_above)])
     masks = [
