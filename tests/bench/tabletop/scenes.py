@@ -136,7 +136,9 @@ FURTHER = (
     _scene(28, "figure", "photos", "wood", "flash", UPRIGHT),
     _scene(29, "part", "photos", "tiles", "again"),
     _scene(30, "010_potted_meat_can", "photos", "newspaper", "macro", UPRIGHT),
+    _scene(31, "figure", "photos", "cloth", "again", UPRIGHT),
     _scene(32, "021_bleach_cleanser", "photos", "wood", "few", UPRIGHT),
+    _scene(33, "021_bleach_cleanser", "photos", "wood", "again", UPRIGHT),
     _scene(34, "shoe", "photos", "tiles", "arc", UPRIGHT),
 )
 """Further scenes, not among the 24: objects that a hand turns before a camera that stays on one side, or between two rounds, and other
