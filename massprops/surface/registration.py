@@ -168,6 +168,7 @@ class Registration:
         candidates: (R, t) of this answer, and of those that paint and silhouettes favour after it.
         turned: the same of the answers that lay the body on another side than in the first placement, where this one lays it on
             the same and fits not clearly better; else None.
+        turned_px: as `outside_px`, of the best answer that lays it on another side.
     """
 
     R: np.ndarray
@@ -182,6 +183,12 @@ class Registration:
     own_px: float = 0.0
     candidates: tuple[tuple[np.ndarray, np.ndarray], ...] = ()
     turned: Registration | None = None
+    turned_px: float = np.inf
+
+    @property
+    def may_be_turned(self) -> bool:
+        """Whether the silhouettes bear that the body lies on another side, whatever fits better."""
+        return self.turned_px < LARGEST
 
     @property
     def painted(self) -> bool:
@@ -284,6 +291,7 @@ def _registration(both: _Pair, answers: list[_Answer]) -> Registration:
         own_px=0.5 * (first.rim_error + second.rim_error),
         candidates=_candidates(best, answers),
         turned=_turned(both, best, answers),
+        turned_px=min((a.outside for a in answers if not same_side(first, second, a.R)), default=np.inf),
     )
 
 

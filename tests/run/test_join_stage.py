@@ -231,13 +231,20 @@ def test_two_ways_up_that_look_alike_are_joined_turned_over(monkeypatch: pytest.
 
 
 @pytest.mark.parametrize(
-    ("same", "rival_px", "joins"), [(True, 0.25, True), (False, 0.25, False), (None, 0.25, True), (False, 5.0, True)]
+    ("same", "rival_px", "turned_px", "joins"),
+    [
+        (True, 0.25, 0.3, True),
+        (False, 0.25, 0.3, False),
+        (None, 0.25, 0.3, True),
+        (False, 5.0, 5.0, True),
+        (False, 0.25, 5.0, True),
+    ],
 )
 def test_one_side_seen_twice_is_joined_where_its_features_say_so(
-    monkeypatch: pytest.MonkeyPatch, same: bool | None, rival_px: float, joins: bool
+    monkeypatch: pytest.MonkeyPatch, same: bool | None, rival_px: float, turned_px: float, joins: bool
 ) -> None:
     """As of a thing that was moved on its support, or turned over onto a side that looks like the other one."""
-    found = registered(colour=0.5, outside_px=0.1, rival_px=rival_px)
+    found = registered(colour=0.5, outside_px=0.1, rival_px=rival_px, turned_px=turned_px)
     monkeypatch.setattr(
         "massprops.sfm.across.lay", lambda *_, **__: Laid(R, T, np.eye(6), np.zeros(3), 144, 0.3, 441, 50.0)
     )
