@@ -15,7 +15,8 @@ import numpy as np
 from massprops.geometry.projection import pixels_of
 from massprops.geometry.rasterise import rasterise
 from massprops.mass.integrals import face_areas
-from massprops.surface.hollow import Grid, columns_of, grid_of, integrals_of, runs_of, solid_cells, solid_of, within
+from massprops.surface.hollow import integrals_of, solid_of, within
+from massprops.surface.layers import Layers, layers_across
 from massprops.surface.refine import face_normals
 from massprops.views import Views
 
@@ -171,10 +172,12 @@ def _below(
     points: np.ndarray, vertices: np.ndarray, faces: np.ndarray, place: np.ndarray, up: np.ndarray
 ) -> np.ndarray:
     """(k,) bool: points (k, 3) of the body above which, along `up`, it ends at a face of the place, or in the free section before it."""
-    grid, local = grid_of(vertices, np.array([*up, -float((vertices @ up).min())]))
-    cell, height, face = columns_of(grid, local, faces)
-    ends = np.isin(face, place)
-    free = _free_section(grid, (cell, height), ends)
+    layers = layers_across(vertices, faces, up)
+    if layers is None:
+        return np.zeros(len(points), bool)
+    grid, cell, height = layers.grid, layers.cell, layers.height
+    ends = np.isin(layers.face, place)
+    free = _free_section(layers, ends)
     own = points @ grid.base.T + [0.0, 0.0, grid.offset]
     column = np.floor((own[:, :2] - grid.corner[:2]) / grid.step[:2]).astype(int)
     flat = column[:, 0] * int(grid.shape[1]) + column[:, 1]
@@ -188,27 +191,17 @@ def _below(
     return np.asarray(found & (ends[there] | (height[there] <= free[flat])))
 
 
-def _free_section(grid: Grid, crossings: tuple[np.ndarray, np.ndarray], ends: np.ndarray) -> np.ndarray:
+def _free_section(layers: Layers, ends: np.ndarray) -> np.ndarray:
     """(columns,) height up to which a column before a place is free, while the body encloses that section all about; -inf of the others.
 
     A bore is closed where nothing was measured deep in it, and narrows towards there: the walls at its mouth show how wide it is.
 
     Args:
-        crossings: cell (c,) and height (c,) of `columns_of`; ends: (c,) bool, those at a face of the place.
+        ends: (c,) bool, the crossings of `layers` at a face of the place.
     """
-    from scipy.ndimage import label
-
-    cell, height = crossings
-    start, count = runs_of(cell)
-    solid = solid_cells(grid, cell, height, start[count >= 2], count[count >= 2])
-    shape, free = solid.shape[:2], np.full(solid.shape[:2], -np.inf)
-    floor = np.full(shape, np.inf)
-    np.minimum.at(floor.reshape(-1), cell[ends], height[ends])
-    level = grid.corner[2] + (np.arange(solid.shape[2]) + 0.5) * grid.step[2]
-    for k in np.flatnonzero(level > floor.min()):
-        piece, _ = label(~solid[:, :, k])
-        rim = np.unique(np.concatenate([piece[[0, -1]].ravel(), piece[:, [0, -1]].ravel()]))
-        before = np.unique(piece[level[k] > floor])
-        enclosed = np.isin(piece, np.setdiff1d(before, [0, *rim]))
-        free[enclosed] = level[k]
-    return free.ravel()
+    floor = np.full(layers.piece.shape[:2], np.inf)
+    np.minimum.at(floor.reshape(-1), layers.cell[ends], layers.height[ends])
+    level = layers.grid.corner[2] + (np.arange(layers.piece.shape[2]) + 0.5) * layers.grid.step[2]
+    before = np.unique(layers.piece[level > floor[:, :, None]])
+    enclosed = np.isin(layers.piece, before[before > 0])
+    return np.asarray(np.where(enclosed, level, -np.inf).max(axis=2).ravel())

@@ -16,7 +16,8 @@ import numpy as np
 from massprops.mass.bodies import solid
 from massprops.mass.integrals import face_areas
 from massprops.surface.holes import Surface
-from massprops.surface.hollow import Grid, columns_of, grid_of, integrals_of, runs_of, solid_cells
+from massprops.surface.hollow import Grid, integrals_of
+from massprops.surface.layers import Layers, layers_across
 from massprops.surface.level_set import level_set
 from massprops.surface.refine import face_normals
 
@@ -58,23 +59,6 @@ class Tube:
     unsure: np.ndarray
 
 
-class _Layers(NamedTuple):
-    """A body cut across a direction.
-
-    Attributes:
-        grid: its third axis is the direction.
-        cell, height, face: (c,) where the columns cross the faces; rank: (c,) which crossing of its column.
-        piece: (a, b, c) int, which piece of empty space, closed about within its layer; 0 elsewhere.
-    """
-
-    grid: Grid
-    cell: np.ndarray
-    height: np.ndarray
-    face: np.ndarray
-    rank: np.ndarray
-    piece: np.ndarray
-
-
 class _Section(NamedTuple):
     """Free cells (a, b) bool of a layer; middle (3,) of them in the body's axes."""
 
@@ -86,7 +70,7 @@ class _Section(NamedTuple):
 class _Mouths(NamedTuple):
     """The two ends of a hole along a direction, and how much their sections are alike."""
 
-    layers: _Layers
+    layers: Layers
     upper: _Section
     lower: _Section
     alike: float
@@ -115,7 +99,7 @@ def through_holes(body: Surface, places: list[np.ndarray]) -> tuple[list[Tube], 
     directions = _directions(area, normal, body.observed, places)
     found: list[_Mouths] = []
     left = []
-    cut: dict[bytes, _Layers | None] = {}
+    cut: dict[bytes, Layers | None] = {}
     for place in sorted(places, key=lambda p: -float(area[p].sum())):
         if any(mouths.contains(middle[place]) for mouths in found):
             continue
@@ -184,32 +168,15 @@ def _directions(
     return kept
 
 
-def _layers(body: Surface, up: np.ndarray) -> _Layers | None:
-    """The body's layers across `up`; None where its columns do not close."""
-    from scipy.ndimage import binary_fill_holes, label
-
-    grid, local = grid_of(body.vertices, np.array([*up, -float((body.vertices @ up).min())]))
-    cell, height, face = columns_of(grid, local, body.faces)
-    start, count = runs_of(cell)
-    if not (count >= 2).any():
-        return None
-    cells = solid_cells(grid, cell, height, start[count >= 2], count[count >= 2])
-    free = np.stack([binary_fill_holes(layer) for layer in np.moveaxis(cells, 2, 0)], axis=2) & ~cells
-    in_layer = np.zeros((3, 3, 3), int)
-    in_layer[1, :, 1] = in_layer[:, 1, 1] = 1
-    rank = np.arange(len(cell)) - np.repeat(start, count)
-    return _Layers(grid, cell, height, face, rank, label(free, in_layer)[0])
-
-
-def _kept_layers(body: Surface, up: np.ndarray, cut: dict[bytes, _Layers | None]) -> _Layers | None:
-    """As `_layers`, which `cut` keeps by direction."""
+def _kept_layers(body: Surface, up: np.ndarray, cut: dict[bytes, Layers | None]) -> Layers | None:
+    """As `layers_across`, which `cut` keeps by direction."""
     if up.tobytes() not in cut:
-        cut[up.tobytes()] = _layers(body, up)
+        cut[up.tobytes()] = layers_across(body.vertices, body.faces, up)
     return cut[up.tobytes()]
 
 
 def _mouths(
-    body: Surface, faces: cKDTree, place: np.ndarray, directions: list[np.ndarray], cut: dict[bytes, _Layers | None]
+    body: Surface, faces: cKDTree, place: np.ndarray, directions: list[np.ndarray], cut: dict[bytes, Layers | None]
 ) -> _Mouths | None:
     """The best pair of mouths of which the place closes one; `cut` keeps the layers of a direction."""
     best = None
@@ -228,7 +195,7 @@ def _mouths(
     return best if best is not None and best.alike > ALIKE else None
 
 
-def _pair(body: Surface, faces: cKDTree, place: np.ndarray, layers: _Layers) -> _Mouths | None:
+def _pair(body: Surface, faces: cKDTree, place: np.ndarray, layers: Layers) -> _Mouths | None:
     """The sections above the place and below what lies under it, where nothing was measured there."""
     top = np.flatnonzero(np.isin(layers.face, place) & (layers.rank % 2 == 1))
     if not len(top) or body.observed[layers.face[top - 1]].mean() > 0.5:
@@ -247,7 +214,7 @@ def _lids(
     place: np.ndarray,
     others: list[np.ndarray],
     directions: list[np.ndarray],
-    cut: dict[bytes, _Layers | None],
+    cut: dict[bytes, Layers | None],
 ) -> _Mouths | None:
     """The place and the one of the `others` that closes the other end of a hole without measured walls: along the direction
     each covers the other, and the body between them is bounded by these two."""
@@ -269,7 +236,7 @@ def _lids(
     return best
 
 
-def _covered(layers: _Layers, crossings: np.ndarray) -> np.ndarray:
+def _covered(layers: Layers, crossings: np.ndarray) -> np.ndarray:
     """(a, b) bool, the columns of some crossings."""
     out = np.zeros(layers.piece.shape[:2], bool)
     out.ravel()[layers.cell[crossings]] = True
@@ -289,7 +256,7 @@ def _alike(one: np.ndarray, other: np.ndarray) -> float:
     return float(min(shares))
 
 
-def _lid(layers: _Layers, crossings: np.ndarray, side: int) -> _Section:
+def _lid(layers: Layers, crossings: np.ndarray, side: int) -> _Section:
     """What a place covers, at its highest (`side` 1) or lowest (-1) layer and one beyond."""
     grid = layers.grid
     free = _covered(layers, crossings)
@@ -304,7 +271,7 @@ def _section_at(grid: Grid, free: np.ndarray, layer: int) -> _Section:
     return _Section(free, layer, grid.world(np.column_stack([cells, np.full(len(cells), layer)])).mean(axis=0))
 
 
-def _section(body: Surface, faces: cKDTree, layers: _Layers, columns: np.ndarray, order: range) -> _Section | None:
+def _section(body: Surface, faces: cKDTree, layers: Layers, columns: np.ndarray, order: range) -> _Section | None:
     """The free space over the columns in the first layer, from inside, whose rim was measured, else in the one of which
     most was. None where the walls close about nothing."""
     from scipy.ndimage import binary_erosion
