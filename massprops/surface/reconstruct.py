@@ -272,7 +272,7 @@ def _finished(given: _Given, mesh: Mesh, fill: Fill) -> Surface:
         if loose.any():
             fixed = fixed & ~(loose & _lifted(vertices, film(vertices, faces, fixed & ~loose), faces, support))
     elif given.masks and not given.moving:
-        fixed = fixed & ~standing_off(vertices, faces, fixed, given.views, given.masks)
+        fixed = fixed & ~standing_off(vertices, faces, fixed, given.views)
     vertices = _hollow(vertices, faces, fixed, support, fill.membrane, film)
     if given.masks and not given.moving:
         vertices = filling_outlines(vertices, faces, ~fixed, given.views, given.masks, hull.pixel)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprops.geometry.projection import project
+from massprops.geometry.projection import pixels_of
 from massprops.geometry.rasterise import silhouette
 from massprops.surface.refine import membrane, pieces, vertex_normals
 from massprops.views import Views
@@ -20,32 +20,30 @@ BESIDE_PX = 2
 """Places as near to the outline of the rest are not beside it: outlines are off by as much."""
 
 
-def standing_off(
-    vertices: np.ndarray, faces: np.ndarray, fixed: np.ndarray, views: Views, masks: list[np.ndarray]
-) -> np.ndarray:
+def standing_off(vertices: np.ndarray, faces: np.ndarray, fixed: np.ndarray, views: Views) -> np.ndarray:
     """(v,) bool: vertices of pieces that stand farther out from a film over the largest piece than they are wide, and that fewer than half of
     the images show beside it.
 
     Args:
         vertices: (v, 3); faces: (f, 3), closed; fixed: (v,) bool, measured.
-        views, masks: n cameras and silhouettes (h, w), undistorted.
+        views: n cameras, undistorted.
     """
-    label = np.where(fixed, pieces(faces, fixed), -1)
-    names, count = np.unique(label[fixed], return_counts=True)
-    out = np.zeros(len(vertices), bool)
-    if len(names) < 2:
+    out, label, held = np.zeros(len(vertices), bool), pieces(faces, fixed), np.flatnonzero(fixed)
+    held = held[np.argsort(label[held], kind="stable")]
+    parts = np.split(held, np.flatnonzero(np.diff(label[held])) + 1)
+    largest = max(parts, key=len)
+    if len(parts) < 2:
         return out
-    stretched = membrane(vertices, faces, label == names[np.argmax(count)])
+    stretched = membrane(vertices, faces, np.isin(np.arange(len(vertices)), largest))
     outward = vertex_normals(stretched, faces)
-    parts = (label == n for n in names[np.argsort(-count)[1:]])
-    off = [own for own in parts if _far(vertices[own], stretched[own], outward[own])]
+    off = [p for p in parts if p is not largest and _far(vertices[p], stretched[p], outward[p])]
     if not off:
         return out
-    beside = np.array([_beside(vertices, off, (stretched, faces), views, masks, i) for i in range(len(views))])
-    for own, shown in zip(off, beside.T, strict=True):
+    beside = np.array([_beside([vertices[p] for p in off], (stretched, faces), views, i) for i in range(len(views))])
+    for part, shown in zip(off, beside.T, strict=True):
         known = shown[np.isfinite(shown)]
         if len(known) and known.mean() < MOSTLY:
-            out |= own
+            out[part] = True
     return out
 
 
@@ -61,26 +59,20 @@ def _far(places: np.ndarray, film: np.ndarray, outward: np.ndarray) -> bool:
     return bool(away > 2.0 * np.linalg.norm(aside, axis=1).max())
 
 
-def _beside(
-    vertices: np.ndarray,
-    parts: list[np.ndarray],
-    rest: tuple[np.ndarray, np.ndarray],
-    views: Views,
-    masks: list[np.ndarray],
-    i: int,
-) -> np.ndarray:
-    """(p,) 1 where most of a part of the vertices lies beside the rest in image i, 0 where it does not, nan where it is not in the frame."""
+def _beside(parts: list[np.ndarray], rest: tuple[np.ndarray, np.ndarray], views: Views, i: int) -> np.ndarray:
+    """(p,) 1 where most places (k, 3) of a part lie beside the rest in image i, 0 where they do not, nan where they are not in the frame.
+
+    Args:
+        rest: its vertices (v, 3) and faces (f, 3).
+    """
     import cv2
 
-    camera, (h, w) = (views.K[i], views.R[i], views.t[i]), masks[i].shape
-    covered = silhouette(*rest, *camera, (w, h)).astype(np.uint8)
+    camera, size = (views.K[i], views.R[i], views.t[i]), (int(views.size[i, 0]), int(views.size[i, 1]))
+    covered = silhouette(*rest, *camera, size).astype(np.uint8)
     covered = cv2.dilate(covered, np.ones((2 * BESIDE_PX + 1,) * 2, np.uint8))
     found = np.full(len(parts), np.nan)
-    for k, own in enumerate(parts):
-        uv, z = project(vertices[own], *camera)
-        at = np.rint(uv).astype(int)
-        inside = (z > 0) & (at >= 0).all(axis=1) & (at < [w, h]).all(axis=1)
-        if inside.mean() > MOSTLY:
-            u, v = at[inside].T
-            found[k] = float(np.mean(covered[v, u] == 0) > MOSTLY)
+    for k, places in enumerate(parts):
+        inside, rows, columns = pixels_of(places, *camera, covered.shape)
+        if len(inside) > MOSTLY * len(places):
+            found[k] = float(np.mean(covered[rows, columns] == 0) > MOSTLY)
     return found
