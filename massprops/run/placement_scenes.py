@@ -22,6 +22,11 @@ SUPPORT = -0.5
 points at the foot of seven rendered things fewer than .005 of those on the object had this, and 0 to 79 % of those 4 px off it."""
 
 
+def turned_over(place: dict[str, Any]) -> bool:
+    """Whether the images show more sides than one that the object lay on; `place` is `join.json`."""
+    return len(place["joined"]) > 1 and place["support_plane"] is None
+
+
 def scene_by_view(job: Job, views: Views) -> Iterator[tuple[int, Visible]]:
     """Views by number, each with what its placement shows, carried to where the placement was joined."""
     from massprops.run.stages.shape import measured_folders

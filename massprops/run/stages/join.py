@@ -89,7 +89,7 @@ def _joined(
     coarse = {k for k, p in enumerate(placements) if p["method"] != "measured"}
     order = _best_first(placements, [len(i) for i in index], {k: side[0].rim_error for k, side in shown.items()})
     first = order[0]
-    facts: dict[str, Any] = {"joined": [{"images": len(index[first])}], "unjoined": [], "support_plane": None}
+    facts: dict[str, Any] = {"joined": [{"images": len(index[first])}], "unjoined": []}
     parts = [(index[first], np.eye(3), np.zeros(3), first)]
     for done, k in enumerate(order[1:]):
         job.progress(done, len(order) - 1, "joining placements")
@@ -301,11 +301,11 @@ def _laid(
 
     laid = _by_features(base, other, registration)
     entry = {**_entry_of(registration), "features": 0}
+    alike = False
     not_turned, seen_again = _seen_again(base, other, registration, laid)
-    alike = registration.turned is not None and not_turned and not seen_again
-    if registration.turned is not None and alike:
+    if registration.turned is not None and not_turned and not seen_again:
         # it was turned to be seen from below
-        registration, laid = registration.turned, None
+        alike, registration, laid = True, registration.turned, None
         entry = {**_entry_of(registration), "features": 0, "alike": True}
     if laid is None and not registration.clear:
         return {**entry, "fits": registration.fits, "reason": _reason(registration)}, registration.R, registration.t

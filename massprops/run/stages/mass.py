@@ -22,6 +22,7 @@ from massprops.mass.intervals import OWN_LENGTH, intervals, scaled_replicates, v
 from massprops.mass.properties import ASSUMED_DENSITY, properties_of_integrals
 from massprops.mass.symmetric import described, sentences, undecided
 from massprops.run.job import Job
+from massprops.run.placement_scenes import turned_over
 from massprops.sfm.verified_matches import NO_FILM, Film, VerifiedMatches, said_against
 from massprops.surface.length import model_length
 from massprops.views import Views
@@ -148,7 +149,7 @@ def _evidence(
             shutter=str(shutter["said"]) if shutter.get("doubtful") else "",
         ),
         PlacementEvidence(
-            turned=len(join["joined"]) > 1 and join["support_plane"] is None,
+            turned=turned_over(join),
             unjoined=len(join["unjoined"]),
             differing=int(surface["differing_placements"]),
             hollow_possible=float(surface["hollow_possible"]),

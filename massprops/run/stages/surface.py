@@ -12,6 +12,7 @@ from massprops.errors import NotPossible
 from massprops.mass.integrals import face_areas, mesh_integrals
 from massprops.mass.intervals import collapsed, valid_bodies
 from massprops.run.job import Job
+from massprops.run.placement_scenes import turned_over
 from massprops.run.silhouettes_again import drawn_from_shapes, silhouettes_again
 from massprops.run.stage_images import undistorted_frame, undistorted_mask
 
@@ -200,7 +201,7 @@ def _by_images(
         placement[joint.first : joint.last + 1] = number
     surface = moved_to_images(surface, views, grey, masks, placement)
     # where an object lay on either side no one support tells what is its shade
-    return surface if _turned_over(place) else moved_to_edges(surface, views, grey, masks)
+    return surface if turned_over(place) else moved_to_edges(surface, views, grey, masks)
 
 
 def _draw_silhouettes_again(job: Job, surface: Surface, views: Views, masks: list[np.ndarray], moving: bool) -> None:
@@ -281,11 +282,6 @@ def _symmetric(
     return [one for one in out if one["images_alike"]]
 
 
-def _turned_over(place: dict[str, Any]) -> bool:
-    """Whether the images show more sides than one that the object lay on; `place` is `join.json`."""
-    return len(place["joined"]) > 1 and place["support_plane"] is None
-
-
 def _joints(place: dict[str, Any]) -> list[Joint]:
     """How well the placements lie on the first; `place` is `join.json`."""
     from massprops.surface.spread import Joint
@@ -333,7 +329,7 @@ def _behind_sides(surface: Surface, gaps: Gaps, place: dict[str, Any]) -> np.nda
     from massprops.surface.behind_fill import behind_fill
 
     mesh = surface.vertices, surface.faces
-    if _turned_over(place):
+    if turned_over(place):
         if _filled(surface) < FILLED:
             return np.zeros(10)
         return behind_fill(*mesh, surface.observed, surface.noise, surface.spacing)
