@@ -121,7 +121,7 @@ def undistort(image: np.ndarray, K: np.ndarray, distortion: np.ndarray, nearest:
     import cv2
 
     h, w = image.shape[:2]
-    maps = _undistorting((w, h), *_written(K, distortion))
+    maps = _undistorting((w, h), *_lens(K, distortion))
     return np.asarray(cv2.remap(image, *maps, cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR))
 
 
@@ -132,34 +132,33 @@ def distort(image: np.ndarray, K: np.ndarray, distortion: np.ndarray) -> np.ndar
     import cv2
 
     h, w = image.shape[:2]
-    return np.asarray(cv2.remap(image, *_distorting((w, h), *_written(K, distortion)), cv2.INTER_LINEAR))
+    return np.asarray(cv2.remap(image, *_distorting((w, h), *_lens(K, distortion)), cv2.INTER_LINEAR))
 
 
-def _written(K: np.ndarray, distortion: np.ndarray) -> tuple[bytes, bytes]:
-    """A lens as what is computed for all of its images is kept by."""
-    return np.asarray(K, float).tobytes(), np.asarray(distortion, float).tobytes()
-
-
-def _read(K: bytes, distortion: bytes) -> tuple[np.ndarray, np.ndarray]:
-    """K (3, 3) and the distortion (d, 1) of `_written`."""
-    return np.frombuffer(K).reshape(3, 3), np.frombuffer(distortion).reshape(-1, 1)
+def _lens(K: np.ndarray, distortion: np.ndarray) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """K (3, 3) and the distortion as numbers by which what is found for a lens is kept."""
+    return tuple(np.ravel(K).tolist()), tuple(np.ravel(distortion).tolist())
 
 
 @lru_cache(maxsize=LENSES)
-def _undistorting(size: tuple[int, int], K: bytes, distortion: bytes) -> tuple[np.ndarray, np.ndarray]:
+def _undistorting(
+    size: tuple[int, int], K: tuple[float, ...], distortion: tuple[float, ...]
+) -> tuple[np.ndarray, np.ndarray]:
     """Where in an image each pixel of the pinhole camera lies, (h, w) columns and rows; size: width, height [px]."""
     import cv2
 
-    k, d = _read(K, distortion)
+    k, d = np.reshape(K, (3, 3)), np.array(distortion)
     return cv2.initUndistortRectifyMap(k, d, np.eye(3), k, size, cv2.CV_32FC1)
 
 
 @lru_cache(maxsize=LENSES)
-def _distorting(size: tuple[int, int], K: bytes, distortion: bytes) -> tuple[np.ndarray, np.ndarray]:
+def _distorting(
+    size: tuple[int, int], K: tuple[float, ...], distortion: tuple[float, ...]
+) -> tuple[np.ndarray, np.ndarray]:
     """Where in the pinhole camera's image each pixel of the lens lies, (h, w) columns and rows; size: width, height [px]."""
     import cv2
 
-    k, d = _read(K, distortion)
+    k, d = np.reshape(K, (3, 3)), np.array(distortion)
     w, h = size
     u, v = np.meshgrid(np.arange(w, dtype=np.float64), np.arange(h, dtype=np.float64))
     at = cv2.undistortPoints(np.column_stack([u.ravel(), v.ravel()])[:, None], k, d, P=k).reshape(h, w, 2)
