@@ -200,9 +200,8 @@ def main(work: Path) -> None:
             movers.append(thing["moves"])
     add_lights(scene)
     camera = add_camera(scene)
-    away = float(np.linalg.norm(np.array(scene["frames"][0]["camera"][1])[:3, 3]))
     if scene.get("flash"):
-        add_flash(camera, away)
+        add_flash(camera, float(np.linalg.norm(np.array(scene["frames"][0]["camera"][1])[:3, 3])))
     if scene.get("focus"):
         camera.data.dof.use_dof, camera.data.dof.focus_object, camera.data.dof.aperture_fstop = True, body, 2.0
     for i in missing:

@@ -73,29 +73,25 @@ class Scene:
         return np.random.default_rng([SEED, self.number] if self.draw == 1 else [SEED, self.number, self.draw])
 
 
+WORDS = ("turned", "moved", "again", "arc", "flash", "macro", "cluttered", "stand")
+"""Fields of a scene that its line in the table names where they hold."""
+
+
 def _scene(number: int, item: str, images: str, table: str, words: str = "", up: tuple | None = None) -> Scene:
     """`words`: any of turned, moved, again, arc, flash, macro, few, cluttered, stand, plain, glossy."""
     said = set(words.split())
     half = "held" if number % 2 else "dev"
     finish = next((f for f in ("plain", "glossy") if f in said), "textured")
-    turned = "turned" in said
     return Scene(
         number=number,
         name=f"{number:02d}_{half}_{item.split('_', 1)[-1] if item[0].isdigit() else item}",
         item=item,
         images=images,
-        turned=turned,
-        moved="moved" in said,
-        again="again" in said,
-        arc="arc" in said,
-        flash="flash" in said,
-        macro="macro" in said,
         table=table,
-        cluttered="cluttered" in said,
-        stand="stand" in said,
         up=up,
         finish=finish,
-        count=56 if turned else 30 if "moved" in said else 12 if "few" in said else 40,
+        count=56 if "turned" in said else 30 if "moved" in said else 12 if "few" in said else 40,
+        **{word: word in said for word in WORDS},
     )
 
 
