@@ -51,7 +51,8 @@ def test_large_photographs_keep_as_many_of_the_largest_features_as_are_enough():
     row, described = largest(keypoints, seen, 50)
     kept = keypoints[row]
     assert len(described.index) >= 50
-    np.testing.assert_array_equal(described.own, describe(kept, seen[row]).own)
+    # products of another batch differ by some 1e-7, which an arc cosine at .1 makes ten times as much
+    np.testing.assert_allclose(described.own, describe(kept, seen[row]).own, atol=2e-5)
     assert len(kept) < 200 and kept[:, 2].min() > np.sort(keypoints[:, 2])[200]
     assert row.tolist() == sorted(row.tolist())
     for enough in (2, 1000):
