@@ -309,8 +309,7 @@ def _laid(
         entry = {**_entry_of(registration), "features": 0, "alike": True}
     if laid is None and not registration.clear:
         return {**entry, "fits": registration.fits, "reason": _reason(registration)}, registration.R, registration.t
-    doubtful = registration.may_be_turned and not registration.by_outlines
-    if not_turned and not alike and seen_again is False and doubtful:
+    if not_turned and not alike and seen_again is False and registration.may_be_turned:
         return {**entry, "fits": True, "reason": LOOKS_ALIKE}, registration.R, registration.t
     R, t = (registration.R, registration.t) if laid is None else (laid.R, laid.t)
     # features of a body that looks alike from below have spoken for a wrong turn
