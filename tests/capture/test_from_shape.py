@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 
 from massprops.capture.from_shape import (
     Paint,
+    Trimap,
     agreement,
     far_from,
     moved,
@@ -15,6 +18,7 @@ from massprops.capture.from_shape import (
     refine,
     shows_object_colours,
     shows_points,
+    shows_support,
     to_stored,
     trimap,
     unsure,
@@ -169,8 +173,21 @@ def test_a_black_cloth_that_no_stereo_measured_is_not_the_objects() -> None:
 
 def test_views_that_show_the_object_elsewhere() -> None:
     agreement = np.array([0.97, 0.98, 0.96, 0.97, 0.3, 0.98, 0.97, 0.72])
-    assert np.flatnonzero(moved(agreement)).tolist() == [4, 7]
-    assert not moved(np.array([0.93, 0.95, 0.91, 0.88, 0.94])).any()
+    none = np.zeros(8, bool)
+    assert np.flatnonzero(moved(agreement, none)).tolist() == [4, 7]
+    assert not moved(np.array([0.93, 0.95, 0.91, 0.88, 0.94]), none[:5]).any()
+
+
+def test_a_view_of_the_bare_support_shows_the_object_elsewhere() -> None:
+    drawn, support = np.zeros((20, 30), bool), np.full((20, 30), -2.0, np.float32)
+    drawn[5:15, 5:20] = True
+    nothing = Trimap(drawn, drawn, ~drawn, np.zeros_like(drawn))
+    here, bare = (replace(nothing, evidence=e, own_coloured=c) for e, c in ((-support, drawn), (support, ~drawn)))
+    assert [shows_support(known) for known in (nothing, here, bare)] == [False, False, True]
+    assert not shows_support(replace(bare, own_coloured=drawn)), "another thing of its colours lies on the support"
+    odd = np.arange(9) == 3
+    assert np.array_equal(moved(np.full(9, 0.95), odd), odd)
+    assert not moved(np.full(9, 0.95), ~odd).any(), "the object looks like its support"
 
 
 def test_a_silhouette_returns_to_the_distorted_frame() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from massprops.capture.before import something_before
 from massprops.capture.frame_edge import cut_off
-from massprops.capture.from_shape import Paint, agreement, moved
+from massprops.capture.from_shape import Paint, agreement, moved, shows_support
 from massprops.core.files import write_image
 from massprops.core.inputs import read_image
 from massprops.core.parts import Arrays
@@ -123,9 +123,8 @@ def _from_shapes(job: Job, views: Views, placements: list[dict[str, Any]]) -> tu
     painted = learned_paint(measured_folders(job.work("shape"), placements))
     for k, placement in enumerate(placements):
         index = np.array([number[name] for name in placement["images"]])
-        drawn = _placement(job, views, index, k, len(found), painted)
-        out = moved(np.array([a for _, a in drawn]))
-        found.update({int(i): mask for i, (mask, _), o in zip(index, drawn, out, strict=True) if not o})
+        masks, out = _placement(job, views, index, k, len(found), painted)
+        found.update({int(i): mask for i, mask, o in zip(index, masks, out, strict=True) if not o})
     share = []
     for i, name in enumerate(views.names):
         if i in found:
@@ -138,8 +137,8 @@ def _from_shapes(job: Job, views: Views, placements: list[dict[str, Any]]) -> tu
 
 def _placement(
     job: Job, views: Views, index: np.ndarray, number: int, before: int, painted: Paint | None
-) -> list[tuple[np.ndarray, float]]:
-    """Silhouette (h, w) uint8 of each view, drawn from a placement's shape and refined, and how far the two agree.
+) -> tuple[list[np.ndarray], np.ndarray]:
+    """Silhouettes (h, w) uint8 of n views, drawn from a placement's shape and refined, and which of these show it elsewhere, (n,) bool.
 
     Args:
         index: rows of its views; number: its own; before: views done before it.
@@ -152,14 +151,15 @@ def _placement(
 
     def silhouette(i: int) -> Arrays:
         mask, known, hidden = drawn_silhouette(undistorted_frame(job, views, i), views, i, shown)
-        return {"mask": mask, "overlap": np.array(agreement(mask == 255, known)), "hidden": np.array(hidden)}
+        return {"mask": mask, "told": np.array([agreement(mask == 255, known), hidden, shows_support(known)])}
 
-    hidden, out = np.zeros(len(index)), []
+    masks, told = [], np.zeros((3, len(index)))
     for done, i in enumerate(index):
         found = job.parts.made(f"silhouette {number} {views.names[i]}", partial(silhouette, i))
-        hidden[done] = found["hidden"]
-        out.append((found["mask"], float(found["overlap"])))
+        told[:, done] = found["told"]
+        masks.append(found["mask"])
         job.progress(before + done + 1, len(views), "silhouettes")
+    agrees, hidden, bare = told
     covered = [views.names[i] for i in index[something_before(hidden)]]
     if covered:
         job.warn(
@@ -167,7 +167,7 @@ def _placement(
             f"({', '.join(covered[:3])}{', ...' if len(covered) > 3 else ''}): leave them out, or correct their masks "
             "('massprops masks')"
         )
-    return out
+    return masks, moved(agrees, bare > 0)
 
 
 def _save(job: Job, name: str, mask: np.ndarray) -> float:
