@@ -12,7 +12,7 @@ from massprops.geometry.projection import pixels_of
 from massprops.geometry.vectors import unit
 from massprops.surface.cloud import Cloud
 from massprops.surface.level_set import level_set
-from massprops.surface.reconstruct import Surface, on_support
+from massprops.surface.reconstruct import ON_SUPPORT, Surface, on_support
 from massprops.surface.refine import vertex_normals
 from massprops.surface.silhouette import Hull, make_hull
 from massprops.views import AMBIGUOUS, Views
@@ -58,7 +58,7 @@ def surface_of_outlines(
     progress(2, 3, "hull sampled")
     vertices, faces = level_set(body.value, body.origin, body.step)
     none = np.zeros(len(faces), bool)
-    inferred = on_support(vertices, faces, support, 0.75 * body.step)
+    inferred = on_support(vertices, faces, support, ON_SUPPORT * body.step)
     cloud = outline_cloud(vertices, faces, views.centres, 0.2 * body.step)
     progress(3, 3, "surface of the hull")
     return Surface(vertices, faces, none, inferred, hull, cloud, body.step)

@@ -70,6 +70,8 @@ HOLLOW = 1 / 3
 """Where an unmeasured side is put, from 0 on the cut, which fills up to the hull, to 1 on a membrane. Where the motion of eight
 bodies chose, it was from 0.3 to 1."""
 
+ON_SUPPORT = 0.75
+"""Spacings of the mesh within which a place lies on the plane of support."""
 OVERHANGS = -0.5
 """Component along the support's normal of the normals of fill that hangs over: lines of sight less steep than 60 degrees
 leave such. With all of it on a membrane a thin-legged chair went from +40 to -5 % of its volume; another one from +18 to -2 % with the
@@ -280,7 +282,7 @@ def _finished(given: _Given, mesh: Mesh, fill: Fill) -> Surface:
     for _ in range(2):
         vertices = remove_bias(vertices, faces, cloud, 2 * h, measured)
     observed = _observed(vertices, faces, cloud, h, hull if given.moving else None)
-    inferred = ~observed & on_support(vertices, faces, support, 0.75 * h)
+    inferred = ~observed & on_support(vertices, faces, support, ON_SUPPORT * h)
     return Surface(vertices, faces.astype(np.int32), observed, inferred, hull, cloud, h, fill=fill)
 
 

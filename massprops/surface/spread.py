@@ -39,7 +39,7 @@ from massprops.surface.fill_bounds import beyond_bounds
 from massprops.surface.fill_by_motion import Balance
 from massprops.surface.length import model_length
 from massprops.surface.outline_gaps import SILHOUETTE_MARGIN, Gaps
-from massprops.surface.reconstruct import Surface
+from massprops.surface.reconstruct import ON_SUPPORT, Surface
 from massprops.surface.refine import face_normals, residuals, vertex_normals
 from massprops.surface.scatter import WINDOW, face_scatter
 from massprops.views import entries
@@ -291,7 +291,7 @@ def _carried(surface: Surface, joint: Joint) -> np.ndarray:
 class _Ends(NamedTuple):
     """Of the greatest length: length, direction (3,), a face at each end (2,), and how much longer the body gets when that
     face moves outward, pull (2,); place: (2, 3) of the ends; measured: (2,) bool, all about it was measured and looks along the
-    length, so that nothing goes on there; foot: (2,) bool, it lies on the support, where the body was closed."""
+    length, so that nothing goes on there; foot: (2,) bool, it lies on the support."""
 
     length: float
     direction: np.ndarray
@@ -330,6 +330,10 @@ def _ends(surface: Surface) -> _Ends:
     about = [np.flatnonzero((faces == e).any(1)) for e in ends]
     measured = np.array([bool(surface.observed[a].all()) for a in about]) & (pull > ACROSS)
     foot = np.array([bool(surface.inferred[a].any()) for a in about])
+    support = surface.hull.support
+    if support is not None:
+        # measured or not: of a jug's foot the shade about it was
+        foot |= np.abs(vertices[ends] @ support[:3] + support[3]) < ON_SUPPORT * surface.spacing
     return _Ends(length, direction, np.array([a[0] for a in about]), pull, vertices[ends], measured, foot)
 
 
