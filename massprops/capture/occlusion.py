@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -184,6 +184,20 @@ def occlusion_maps(
         cells.append(cell)
     known = (seen != 0).any(0)
     return Occlusion(states, np.array(cells), xyz[known], np.clip(own[known], 0, 255).astype(np.uint8))
+
+
+def with_still(maps: Occlusion, still: list[np.ndarray]) -> Occlusion:
+    """The maps where what stands still while the object turns, (h, w) bool of each view, shows too, of what else nothing is known.
+
+    A figure before wood of its colour hid the turntable, and nothing told how far it reaches above that.
+    """
+    import cv2
+
+    states = []
+    for state, there in zip(maps.state, still, strict=True):
+        share = cv2.resize(there.astype(np.float32), state.shape[::-1], interpolation=cv2.INTER_AREA)
+        states.append(np.where((state == 0) & (share > 0.99), 1, state).astype(np.int8))
+    return replace(maps, state=states)
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,9 @@ from massprops.core.inputs import read_image
 from massprops.run.job import Job
 from massprops.sfm.footage import frame_file, silhouette_file
 from massprops.views import Views, undistort
+
+GAP = 1 / 60
+"""Half width, over the shorter side of an image, of gaps in what moves that are closed. Set on one film, of a figure of the wood's colour."""
 
 
 def undistorted_frame(job: Job, views: Views, i: int, flags: int = 1) -> np.ndarray:
@@ -33,6 +37,25 @@ def undistorted_mask(job: Job, views: Views, i: int, last: str = "join") -> np.n
     """
     mask = read_image(silhouette_file(job.run / "work", views.names[i], last), 0)
     return undistort(mask, views.K[i], views.distortion[i], nearest=True)
+
+
+def still_background(job: Job, views: Views, i: int) -> np.ndarray | None:
+    """(h, w) bool, without its lens's distortion: where view i shows what stands still while the object turns; None of other footage.
+
+    Parts of the object that look like what is behind them are gaps in what moves: they are closed first.
+    """
+    import cv2
+    from scipy.ndimage import binary_fill_holes
+
+    capture = job.work("capture")
+    file = capture / "masks" / f"{views.names[i]}.png"
+    if not file.is_file() or json.loads((capture / "footage.json").read_text())["background"] != "still":
+        return None
+    moves = read_image(file, 0)
+    side = 2 * round(GAP * min(moves.shape)) + 1
+    closed = cv2.morphologyEx(moves, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8)) > 0
+    still = np.where(binary_fill_holes(closed), np.uint8(0), np.uint8(255))
+    return undistort(still, views.K[i], views.distortion[i], nearest=True) > 0
 
 
 def mask_for_stereo(job: Job, views: Views, i: int, footage: dict[str, Any]) -> np.ndarray:

@@ -22,6 +22,7 @@ from massprops.capture.occlusion import (
     support_agreement,
     support_points,
     visibility,
+    with_still,
 )
 from massprops.dense.region import Region
 from massprops.geometry.rasterise import silhouette
@@ -90,6 +91,19 @@ def test_a_part_of_the_body_agrees_less_than_what_hides_the_support() -> None:
     found = support_agreement(VIEWS, maps, hidden.vertices, hidden.faces)
     assert part < WHOLE < whole and found > part + WHOLLY
     assert held_share(VIEWS, hidden.vertices, hidden.faces, np.asarray(half.vertices)) > HELD
+
+
+def test_what_stands_still_behind_a_turntable_shows_how_high_the_body_is() -> None:
+    """Of the support only a disc little wider than the body is known."""
+    disc = table()
+    maps = occlusion_maps(VIEWS, photograph, disc[np.linalg.norm(disc, axis=1) < 0.55])
+    still = [~outline(i) for i in range(len(VIEWS))]
+    found = [hidden_shape(VIEWS, m, PLANE, REGION) for m in (maps, with_still(maps, still))]
+    fat, slim = (trimesh.Trimesh(f.vertices, f.faces).volume / BODY.volume for f in found if f is not None)
+    assert slim < 0.9 * fat and 0.9 < slim < 2.2
+    known = [s != 0 for s in maps.state]
+    for before, after, k in zip(maps.state, with_still(maps, still).state, known, strict=True):
+        assert np.array_equal(before[k], after[k]), "what is known of the support stays"
 
 
 def test_the_hull_of_a_part_does_not_hold_what_was_measured() -> None:

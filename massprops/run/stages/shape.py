@@ -20,7 +20,7 @@ from massprops.core.text import counted
 from massprops.dense.region import pixel_size
 from massprops.errors import InputError, NotPossible
 from massprops.run.job import Job
-from massprops.run.stage_images import undistorted_frame
+from massprops.run.stage_images import still_background, undistorted_frame
 from massprops.sfm.points import SparsePoints
 from massprops.views import Views
 
@@ -486,14 +486,16 @@ def _measured_shape(job: Job, views: Views, cloud: Cloud, split: OnSupport) -> t
 
 def _occlusion(job: Job, views: Views, cloud: Cloud, plane: np.ndarray, region: Region) -> Occlusion:
     """Where each view shows the support, and where something hides it."""
-    from massprops.capture.occlusion import occlusion_maps, support_points
+    from massprops.capture.occlusion import occlusion_maps, support_points, with_still
     from massprops.capture.support import TOLERANCE, on_plane
 
     held = cloud.xyz[on_plane(cloud.xyz, cloud.normal, plane, TOLERANCE * region.radius)]
     pixel = pixel_size(views, region)
-    return occlusion_maps(
+    maps = occlusion_maps(
         views, lambda i: undistorted_frame(job, views, i), *support_points(plane, region, held, pixel)
     )
+    still = [s for i in range(len(views)) if (s := still_background(job, views, i)) is not None]
+    return with_still(maps, still) if len(still) == len(views) else maps
 
 
 def _readings(job: Job, scene: Scene, readings: list[Reading], number: int) -> list[dict[str, Any]]:
