@@ -399,13 +399,16 @@ def agreement(solid: np.ndarray, known: Trimap) -> float:
 
 
 def shows_support(known: Trimap) -> bool:
-    """Whether most of what was drawn has the support's picture, and not the object's colours: the image was placed where its object is not.
+    """Whether nothing was drawn, or most of it has the support's picture, and not the object's colours: the image was placed where its
+    object is not.
 
     Of an image of a shoe (Blender) that a tiled floor placed one tile off none had its colours, and 0.88 the floor's picture; of right
     ones of it, of six more rendered things, a stamp and bananas 0.40 and more, and at most 0.12.
     """
     drawn = known.drawn
-    if known.evidence is None or known.own_coloured is None or not drawn.any():
+    if not drawn.any():
+        return True
+    if known.evidence is None or known.own_coloured is None:
         return False
     return bool(known.own_coloured[drawn].mean() < 0.5 < (known.evidence[drawn] < 0).mean())
 

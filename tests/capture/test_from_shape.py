@@ -185,6 +185,7 @@ def test_a_view_of_the_bare_support_shows_the_object_elsewhere() -> None:
     here, bare = (replace(nothing, evidence=e, own_coloured=c) for e, c in ((-support, drawn), (support, ~drawn)))
     assert [shows_support(known) for known in (nothing, here, bare)] == [False, False, True]
     assert not shows_support(replace(bare, own_coloured=drawn)), "another thing of its colours lies on the support"
+    assert shows_support(replace(nothing, drawn=np.zeros_like(drawn))), "the object is beside the frame"
     odd = np.arange(9) == 3
     assert np.array_equal(moved(np.full(9, 0.95), odd), odd)
     assert not moved(np.full(9, 0.95), ~odd).any(), "the object looks like its support"
