@@ -39,6 +39,11 @@ def undistorted_mask(job: Job, views: Views, i: int, last: str = "join") -> np.n
     return undistort(mask, views.K[i], views.distortion[i], nearest=True)
 
 
+def turns(footage: dict[str, Any]) -> bool:
+    """Whether something turns before a still camera and a room; footage as in `footage.json`."""
+    return footage["background"] == "still" and footage["motion"] == "tumbling" and not footage["masks_given"]
+
+
 def still_background(job: Job, views: Views, i: int) -> np.ndarray | None:
     """(h, w) bool, without its lens's distortion: where view i shows what stands still while the object turns; None of other footage.
 
@@ -49,7 +54,7 @@ def still_background(job: Job, views: Views, i: int) -> np.ndarray | None:
 
     capture = job.work("capture")
     file = capture / "masks" / f"{views.names[i]}.png"
-    if not file.is_file() or json.loads((capture / "footage.json").read_text())["background"] != "still":
+    if not file.is_file() or not turns(json.loads((capture / "footage.json").read_text())):
         return None
     moves = read_image(file, 0)
     side = 2 * round(GAP * min(moves.shape)) + 1

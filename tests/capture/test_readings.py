@@ -19,6 +19,7 @@ from massprops.capture.scene import Scene
 from massprops.capture.stand import FACING, _is_round, _slopes
 from massprops.dense.region import Region
 from massprops.errors import InputError, NotPossible
+from massprops.run.stage_images import turns
 from massprops.run.stages import shape
 from massprops.run.stages.mass import readings_of
 from massprops.surface.cloud import Cloud
@@ -284,8 +285,8 @@ def test_what_turns_with_its_plate_is_not_a_body_of_its_own(monkeypatch: pytest.
     rough = [shape._rough_support(job, VIEWS, points.region, job, turning=turning) for turning in (True, False)]
     assert rough[0] is not None and rough[1] is None
     still = {"background": "still", "motion": "tumbling", "masks_given": False}
-    assert shape._turns(still) and not shape._turns(still | {"motion": "static"})
-    assert not shape._turns(still | {"background": "black"}) and not shape._turns(still | {"masks_given": True})
+    assert turns(still) and not turns(still | {"motion": "static"})
+    assert not turns(still | {"background": "black"}) and not turns(still | {"masks_given": True})
 
 
 def test_a_box_is_no_stand_of_itself() -> None:

@@ -26,7 +26,9 @@ def test_gaps_in_what_moves_do_not_stand_still(tmp_path: Path, background: str) 
     moves[140:146, 100:220] = 0
     file.parent.mkdir(parents=True)
     cv2.imwrite(str(file), moves)
-    (job.work("capture") / "footage.json").write_text(json.dumps({"background": background}))
+    (job.work("capture") / "footage.json").write_text(
+        json.dumps({"background": background, "motion": "tumbling", "masks_given": False})
+    )
     found = still_background(job, here, 0)
     if background == "black":
         assert found is None

@@ -20,7 +20,7 @@ from massprops.core.text import counted
 from massprops.dense.region import pixel_size
 from massprops.errors import InputError, NotPossible
 from massprops.run.job import Job
-from massprops.run.stage_images import still_background, undistorted_frame
+from massprops.run.stage_images import still_background, turns, undistorted_frame
 from massprops.sfm.points import SparsePoints
 from massprops.views import Views
 
@@ -70,7 +70,7 @@ def run(job: Job) -> dict[str, Any]:
     pointed = _pointed(job, views)
     footage = json.loads((job.work("capture") / "footage.json").read_text())
     known = all((job.work("capture") / "masks" / f"{name}.png").is_file() for name in views.names)
-    perhaps_carried = _turns(footage)
+    perhaps_carried = turns(footage)
     if not pointed and known and not perhaps_carried and not _by_room(job, footage):
         return _said(job, {"placements": [], "lost": []})
     sparse = SparsePoints.load(job.work("sfm") / "points.npz")
@@ -158,11 +158,6 @@ def _by_room(job: Job, footage: dict[str, Any]) -> bool:
     if not footage["masks_given"] and footage["motion"] != "static":
         return False
     return not json.loads((job.work("sfm") / "sfm.json").read_text()).get("masked", True)
-
-
-def _turns(footage: dict[str, Any]) -> bool:
-    """Whether something turns before a still camera and a room."""
-    return footage["background"] == "still" and footage["motion"] == "tumbling" and not footage["masks_given"]
 
 
 def _carried(job: Job, views: Views, sparse: SparsePoints) -> bool:
@@ -375,7 +370,7 @@ def _placement(
     pixel = pixel_size(views, region)
     scene = Scene(cloud.xyz, cloud.normal, colour, views, region, pixel)
     support = None if known is None else np.array(known)
-    turning = _turns(json.loads((job.work("capture") / "footage.json").read_text()))
+    turning = turns(json.loads((job.work("capture") / "footage.json").read_text()))
     object_ = find_object(scene, pointed, whole or job.options.keep_support, job.seed, support, turning)
     split = object_.split
     if object_.narrow_ledge:
