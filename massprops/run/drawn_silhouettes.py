@@ -122,15 +122,12 @@ def surroundings(folder: Path) -> tuple[np.ndarray, np.ndarray]:
         return np.concatenate([xyz, z["xyz"]]), np.concatenate([colour, z["colour"]])
 
 
-def drawn_silhouette(
-    image: np.ndarray, views: Views, i: int, shown: Visible, still: np.ndarray | None = None
-) -> tuple[np.ndarray, Trimap, float]:
+def drawn_silhouette(image: np.ndarray, views: Views, i: int, shown: Visible) -> tuple[np.ndarray, Trimap, float]:
     """The silhouette (h, w) uint8 of view i without its lens's distortion: 255 object, 0 background, 128 perhaps; what was
     known of its pixels before; and the share of the object's points that something hides.
 
     Args:
         image: (h, w, 3) uint8 of that view.
-        still: (h, w) bool, what stands still while the object turns; there it is no more than its shape.
     """
     from massprops.geometry.rasterise import rasterise
 
@@ -148,9 +145,7 @@ def drawn_silhouette(
     own_coloured = None
     # of a closed shape nothing is farther off than its band
     if evidence is not None and shown.painted is not None and not shown.closed:
-        own_coloured = shows_object_colours(
-            image, shown.painted, evidence if still is None else np.where(still, -1.0, evidence)
-        )
+        own_coloured = shows_object_colours(image, shown.painted, evidence)
     known = trimap(depth, uv, z, seen[: len(uv)], shown.closed, own_coloured)
     if shown.measured is not None:
         # what the votes of all images put to the shape is a hull, and no point of it is sure

@@ -18,7 +18,7 @@ from massprops.core.files import write_image
 from massprops.run.drawn_silhouettes import DRAWN, Visible, drawn_silhouette, outside, stored
 from massprops.run.job import Job
 from massprops.run.placement_scenes import scene_by_view
-from massprops.run.stage_images import still_background, undistorted_frame
+from massprops.run.stage_images import undistorted_frame
 from massprops.views import Views
 
 MISSES_MORE, TESTED = 0.002, 20_000
@@ -40,9 +40,7 @@ def redrawn(
         whole: the shape to draw it from; before: (h, w) uint8, undistorted; points: (n, 3) measured ones.
         least_gain: share of the points by which it must hold more.
     """
-    # of a closed shape nothing is farther off than its band
-    still = None if whole.closed else still_background(job, views, i)
-    mask, _, _ = drawn_silhouette(undistorted_frame(job, views, i), views, i, whole, still)
+    mask, _, _ = drawn_silhouette(undistorted_frame(job, views, i), views, i, whole)
     missed = [outside(views, i, m, points) for m in (before, mask)]
     if missed[0] - missed[1] < least_gain:
         return False

@@ -10,7 +10,7 @@ import pytest
 import trimesh
 from test_silhouettes_again import SIZE, views
 
-from massprops.capture.from_shape import Paint, beyond_band, overlap
+from massprops.capture.from_shape import beyond_band, overlap
 from massprops.geometry.rasterise import silhouette
 from massprops.run.drawn_silhouettes import Visible, drawn_silhouette
 
@@ -57,27 +57,3 @@ def test_a_table_that_shines_is_no_object(scene: tuple[np.ndarray, np.ndarray, V
     mask, known, _ = drawn_silhouette(image, HERE, 0, replace(shown, support=told))
     # an image without texture is cut as smooth as it goes
     assert (mask == 255)[beyond_band(known.drawn)].sum() < 0.01 * solid.sum()
-
-
-def test_what_stands_still_behind_a_turning_object_is_no_part_of_it() -> None:
-    """A wall of the object's colours, that hides no support, beside a cube that turns before it."""
-    cube = trimesh.creation.box((2, 2, 2)).subdivide_to_size(0.2)
-    solid = silhouette(np.asarray(cube.vertices), np.asarray(cube.faces), HERE.K[0], HERE.R[0], HERE.t[0], SIZE)
-    wall = np.zeros_like(solid)
-    rows, columns = np.nonzero(solid)
-    wall[rows.min() : rows.max(), columns.max() : columns.max() + np.ptp(columns) // 2] = True
-    wall &= ~solid
-    rng = np.random.default_rng(1)
-    image = np.where((solid | wall)[..., None], [60, 90, 190], [120, 120, 110]) + 3.0 * rng.standard_normal(
-        (*SIZE[::-1], 3)
-    )
-    image = np.clip(image, 0, 255).astype(np.uint8)
-    points, none = np.asarray(cube.vertices), np.zeros((0, 3))
-    told: Any = Said(np.where(solid | wall, 1.0, -2.0).astype(np.float32))
-    shown = Visible(
-        points, np.asarray(cube.faces), None, points, np.full((len(points), 3), [60, 90, 190]), none, none,
-        Paint.learn(image[solid], image[~(solid | wall)]), support=told,
-    )  # fmt: skip
-    taken, left = (drawn_silhouette(image, HERE, 0, shown, still)[0] == 255 for still in (None, ~solid))
-    assert taken[wall].mean() > 0.9
-    assert left[wall].mean() < 0.1 and overlap(left, solid) > 0.95

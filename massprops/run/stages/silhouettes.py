@@ -18,7 +18,7 @@ from massprops.core.text import counted
 from massprops.errors import NotPossible
 from massprops.run.drawn_silhouettes import DRAWN, drawn_silhouette, learned_paint, scene_in, stored
 from massprops.run.job import Job
-from massprops.run.stage_images import still_background, undistorted_frame
+from massprops.run.stage_images import undistorted_frame
 from massprops.sfm.footage import mask_file
 from massprops.views import AMBIGUOUS, Views
 
@@ -150,8 +150,7 @@ def _placement(
     shown = scene_in(folder, painted)
 
     def silhouette(i: int) -> Arrays:
-        image, still = undistorted_frame(job, views, i), still_background(job, views, i)
-        mask, known, hidden = drawn_silhouette(image, views, i, shown, still)
+        mask, known, hidden = drawn_silhouette(undistorted_frame(job, views, i), views, i, shown)
         return {"mask": mask, "told": np.array([agreement(mask == 255, known), hidden, shows_support(known)])}
 
     masks, told = [], np.zeros((3, len(index)))
