@@ -13,6 +13,8 @@ def disk_full(folder: Path) -> bool:
     file = folder / ".probe"
     try:
         file.write_bytes(b"\0" * PROBE)
+    except FileNotFoundError:
+        return False  # somebody removed the folder
     except OSError:
         return True
     finally:
