@@ -235,6 +235,7 @@ def test_two_ways_up_that_look_alike_are_joined_turned_over(monkeypatch: pytest.
     [
         (True, 0.25, 0.3, True),
         (False, 0.25, 0.3, False),
+        (False, 5.0, 0.3, False),
         (None, 0.25, 0.3, True),
         (False, 5.0, 5.0, True),
         (False, 0.25, 5.0, True),
