@@ -191,13 +191,18 @@ def with_still(maps: Occlusion, still: list[np.ndarray]) -> Occlusion:
 
     A figure before wood of its colour hid the turntable, and nothing told how far it reaches above that.
     """
+    states = [
+        np.where((state == 0) & (_share_of_cells(there, state) > 0.99), 1, state).astype(np.int8)
+        for state, there in zip(maps.state, still, strict=True)
+    ]
+    return replace(maps, state=states)
+
+
+def _share_of_cells(mask: np.ndarray, state: np.ndarray) -> np.ndarray:
+    """Share of each cell of a map `state` (h, w) that a mask of its image, bool, covers; float32 (h, w)."""
     import cv2
 
-    states = []
-    for state, there in zip(maps.state, still, strict=True):
-        share = cv2.resize(there.astype(np.float32), state.shape[::-1], interpolation=cv2.INTER_AREA)
-        states.append(np.where((state == 0) & (share > 0.99), 1, state).astype(np.int8))
-    return replace(maps, state=states)
+    return np.asarray(cv2.resize(mask.astype(np.float32), state.shape[::-1], interpolation=cv2.INTER_AREA))
 
 
 @dataclass(frozen=True)
@@ -380,16 +385,13 @@ def hidden_by(views: Views, maps: Occlusion, vertices: np.ndarray, faces: np.nda
 
     No view sees the support through what stereo has measured, though a grey thing on a grey cloth looks like it.
     """
-    import cv2
-
     from massprops.geometry.rasterise import silhouette
 
     states = []
     for i, state in enumerate(maps.state):
         size = (int(views.size[i, 0]), int(views.size[i, 1]))
-        drawn = silhouette(vertices, faces, views.K[i], views.R[i], views.t[i], size).astype(np.float32)
-        share = cv2.resize(drawn, state.shape[::-1], interpolation=cv2.INTER_AREA)
-        states.append(np.where(share > 0.5, -1, state).astype(np.int8))
+        drawn = silhouette(vertices, faces, views.K[i], views.R[i], views.t[i], size)
+        states.append(np.where(_share_of_cells(drawn, state) > 0.5, -1, state).astype(np.int8))
     return Occlusion(states, maps.cell)
 
 
