@@ -151,15 +151,14 @@ def _placement(
 
     def silhouette(i: int) -> Arrays:
         mask, known, hidden = drawn_silhouette(undistorted_frame(job, views, i), views, i, shown)
-        return {"mask": mask, "told": np.array([agreement(mask == 255, known), hidden, shows_support(known)])}
+        facts = {"overlap": agreement(mask == 255, known), "hidden": hidden, "bare": shows_support(known)}
+        return {"mask": mask, **{name: np.array(fact) for name, fact in facts.items()}}
 
-    masks, told = [], np.zeros((3, len(index)))
+    drawn = []
     for done, i in enumerate(index):
-        found = job.parts.made(f"silhouette {number} {views.names[i]}", partial(silhouette, i))
-        told[:, done] = found["told"]
-        masks.append(found["mask"])
+        drawn.append(job.parts.made(f"silhouette {number} {views.names[i]}", partial(silhouette, i)))
         job.progress(before + done + 1, len(views), "silhouettes")
-    agrees, hidden, bare = told
+    agrees, hidden, bare = (np.array([one[name] for one in drawn]) for name in ("overlap", "hidden", "bare"))
     covered = [views.names[i] for i in index[something_before(hidden)]]
     if covered:
         job.warn(
@@ -167,7 +166,7 @@ def _placement(
             f"({', '.join(covered[:3])}{', ...' if len(covered) > 3 else ''}): leave them out, or correct their masks "
             "('massprops masks')"
         )
-    return masks, moved(agrees, bare > 0)
+    return [one["mask"] for one in drawn], moved(agrees, bare)
 
 
 def _save(job: Job, name: str, mask: np.ndarray) -> float:
