@@ -9,7 +9,7 @@ import numpy as np
 
 from massprops.core.inputs import read_image
 from massprops.run.job import Job
-from massprops.sfm.footage import frame_file, silhouette_file
+from massprops.sfm.footage import frame_file, mask_file, silhouette_file
 from massprops.views import Views, undistort
 
 GAP = 1 / 60
@@ -44,23 +44,29 @@ def turns(footage: dict[str, Any]) -> bool:
     return footage["background"] == "still" and footage["motion"] == "tumbling" and not footage["masks_given"]
 
 
-def still_background(job: Job, views: Views, i: int) -> np.ndarray | None:
-    """(h, w) bool, without its lens's distortion: where view i shows what stands still while the object turns; None of other footage.
+def still_backgrounds(job: Job, views: Views) -> list[np.ndarray] | None:
+    """(h, w) bool of each view, without its lens's distortion: where it shows what stands still while the object turns; None of other
+    footage.
 
     Parts of the object that look like what is behind them are gaps in what moves: they are closed first.
     """
+    files = [mask_file(job.run / "work", name) for name in views.names]
+    if not all(file.is_file() for file in files):
+        return None
+    if not turns(json.loads((job.work("capture") / "footage.json").read_text())):
+        return None
+    lenses = zip(files, views.K, views.distortion, strict=True)
+    return [undistort(_stands_still(read_image(f, 0)), K, d, nearest=True) > 0 for f, K, d in lenses]
+
+
+def _stands_still(moves: np.ndarray) -> np.ndarray:
+    """(h, w) uint8, 255 off what moves, (h, w) uint8, and off its gaps."""
     import cv2
     from scipy.ndimage import binary_fill_holes
 
-    capture = job.work("capture")
-    file = capture / "masks" / f"{views.names[i]}.png"
-    if not file.is_file() or not turns(json.loads((capture / "footage.json").read_text())):
-        return None
-    moves = read_image(file, 0)
     side = 2 * round(GAP * min(moves.shape)) + 1
     closed = cv2.morphologyEx(moves, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8)) > 0
-    still = np.where(binary_fill_holes(closed), np.uint8(0), np.uint8(255))
-    return undistort(still, views.K[i], views.distortion[i], nearest=True) > 0
+    return np.where(binary_fill_holes(closed), np.uint8(0), np.uint8(255))
 
 
 def mask_for_stereo(job: Job, views: Views, i: int, footage: dict[str, Any]) -> np.ndarray:

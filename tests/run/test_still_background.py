@@ -11,7 +11,7 @@ import pytest
 from test_silhouettes_again import SIZE, views
 
 from massprops.run.job import Job, ReconstructOptions
-from massprops.run.stage_images import still_background
+from massprops.run.stage_images import still_backgrounds
 
 
 @pytest.mark.parametrize("background", ["still", "black"])
@@ -19,7 +19,7 @@ def test_gaps_in_what_moves_do_not_stand_still(tmp_path: Path, background: str) 
     here = views(1)
     job = Job(run=tmp_path, options=ReconstructOptions(), out=tmp_path / "out")
     file = job.work("capture") / "masks" / f"{here.names[0]}.png"
-    assert still_background(job, here, 0) is None, "nothing was told from it"
+    assert still_backgrounds(job, here) is None, "nothing was told from it"
     moves = np.zeros(SIZE[::-1], np.uint8)
     moves[60:180, 100:220] = 255
     moves[90:120, 130:190] = 0
@@ -29,9 +29,11 @@ def test_gaps_in_what_moves_do_not_stand_still(tmp_path: Path, background: str) 
     (job.work("capture") / "footage.json").write_text(
         json.dumps({"background": background, "motion": "tumbling", "masks_given": False})
     )
-    found = still_background(job, here, 0)
+    still = still_backgrounds(job, here)
     if background == "black":
-        assert found is None
+        assert still is None
         return
-    assert found is not None and not found[62:178, 102:218].any()
+    assert still is not None and len(still) == 1
+    found = still[0]
+    assert not found[62:178, 102:218].any()
     assert found[:55].all() and found[:, :95].all() and found[:, 225:].all()

@@ -20,7 +20,7 @@ from massprops.core.text import counted
 from massprops.dense.region import pixel_size
 from massprops.errors import InputError, NotPossible
 from massprops.run.job import Job
-from massprops.run.stage_images import still_background, turns, undistorted_frame
+from massprops.run.stage_images import still_backgrounds, turns, undistorted_frame
 from massprops.sfm.points import SparsePoints
 from massprops.views import Views
 
@@ -489,8 +489,8 @@ def _occlusion(job: Job, views: Views, cloud: Cloud, plane: np.ndarray, region: 
     maps = occlusion_maps(
         views, lambda i: undistorted_frame(job, views, i), *support_points(plane, region, held, pixel)
     )
-    still = [s for i in range(len(views)) if (s := still_background(job, views, i)) is not None]
-    return with_still(maps, still) if len(still) == len(views) else maps
+    still = still_backgrounds(job, views)
+    return maps if still is None else with_still(maps, still)
 
 
 def _readings(job: Job, scene: Scene, readings: list[Reading], number: int) -> list[dict[str, Any]]:
