@@ -69,12 +69,15 @@ class Surface(Protocol):
 def dark_places(body: Surface, views: Views, grey: list[np.ndarray]) -> list[np.ndarray]:
     """Dark places among the filled faces that the views show differently, of each the indices of its faces.
 
+    A hole is a gap in what was measured: a place larger than all of that is a side that was not.
+
     Args:
         body: closed and wound outward.
         grey: images (h, w) of the views, undistorted.
     """
-    normal = face_normals(body.vertices, body.faces)
-    places = _places(body.vertices, body.faces, ~body.observed & ~body.inferred, SMALLEST * body.spacing**2)
+    normal, area = face_normals(body.vertices, body.faces), face_areas(body.vertices, body.faces)
+    places = _places(body.faces, area, ~body.observed & ~body.inferred, SMALLEST * body.spacing**2)
+    places = [place for place in places if area[place].sum() < area[body.observed].sum()]
     if not places:
         return []
     some = np.flatnonzero(body.observed)
@@ -98,8 +101,8 @@ def dark_places(body: Surface, views: Views, grey: list[np.ndarray]) -> list[np.
     return found
 
 
-def _places(vertices: np.ndarray, faces: np.ndarray, filled: np.ndarray, least: float) -> list[np.ndarray]:
-    """Filled faces that hang together, as indices, of each place larger than `least`."""
+def _places(faces: np.ndarray, area: np.ndarray, filled: np.ndarray, least: float) -> list[np.ndarray]:
+    """Filled faces that hang together, as indices, of each place larger than `least`; area (f,) of all faces (f, 3)."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
@@ -114,7 +117,7 @@ def _places(vertices: np.ndarray, faces: np.ndarray, filled: np.ndarray, least: 
     pairs = which[:-1][same], which[1:][same]
     graph = coo_matrix((np.ones(len(pairs[0])), pairs), shape=(len(own), len(own)))
     _, label = connected_components(graph, directed=False)
-    large = np.flatnonzero(np.bincount(label, face_areas(vertices, faces[own])) > least)
+    large = np.flatnonzero(np.bincount(label, area[own]) > least)
     return [own[label == k] for k in large]
 
 

@@ -94,6 +94,23 @@ def test_a_dark_stain_and_a_plain_side_are_no_holes(inside: str) -> None:
     assert not straight_behind(body, places).any()
 
 
+@pytest.mark.parametrize(("reach", "found"), [(-0.6, 1), (0.6, 0)])
+def test_a_dark_side_larger_than_what_was_measured_is_no_hole(reach: float, found: int) -> None:
+    """Stereo measured a rib of a glossy banana, and its other sides were darker, each image in its own way."""
+    solid = trimesh.creation.cylinder(OUTER, HEIGHT, sections=48).subdivide_to_size(0.12)
+    vertices, faces = np.asarray(solid.vertices, float), np.asarray(solid.faces)
+    middle, views, grey = vertices[faces].mean(axis=1), _views(), []
+    dark = middle[:, 0] < reach
+    for i, (K, R, t) in enumerate(zip(views.K, views.R, views.t, strict=True)):
+        face = rasterise(vertices, faces, K, R, t, SIZE)[1]
+        shown = np.where(dark, 10.0 + 60.0 * np.random.default_rng(i).random(), _paint(middle))
+        grey.append(np.where(face >= 0, shown[np.maximum(face, 0)], 90.0).astype(np.uint8))
+    body = SimpleNamespace(
+        vertices=vertices, faces=faces, observed=~dark, inferred=np.zeros(len(faces), bool), noise=0.01, spacing=0.05
+    )
+    assert len(dark_places(body, views, grey)) == found
+
+
 def _dented(
     depths: tuple[float, float], floor: bool = False, turn: float = 0.0
 ) -> tuple[SimpleNamespace, list[np.ndarray]]:
