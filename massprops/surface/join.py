@@ -11,18 +11,23 @@ which a minimum spanning tree is kept (Mehlhorn 1988) and pruned from its leaves
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
 
-from massprops.surface.cut import Costs, components
+from massprops.surface.cut import Costs, components, surface_faces
 from massprops.surface.tetra import Tetrahedra
+
+OneThing = Callable[[np.ndarray, np.ndarray, np.ndarray], bool]
+"""Whether silhouettes show two parts to be one thing, of vertices (v, 3) and the faces (f, 3), (g, 3) of each."""
 
 LEVEL = 1e-3
 """Chance that the heaviest of the specks of wrong points is taken for a part."""
 
 
 def joined(
-    tetra: Tetrahedra, costs: Costs, inside: np.ndarray, moving: bool = True, silhouettes: bool = True
+    tetra: Tetrahedra, costs: Costs, inside: np.ndarray, moving: bool = True, one_thing: OneThing | None = None
 ) -> np.ndarray:
     """(t,) bool: the component that weighs most, the parts worth a link to it, and the links.
 
@@ -32,13 +37,13 @@ def joined(
         inside: (t,) labels of least cost.
         moving: all points moved together, so that all parts are the body's; else the component that weighs most is the
             object, and others may be what stands beside it, unless they hang together with it through space that no
-            silhouette shows to be empty.
-        silhouettes: there are some; without them, nothing tells the object's parts from other things.
+            silhouette shows to be empty, or silhouettes show both to be one thing.
+        one_thing: of a still object; without silhouettes, nothing tells the object's parts from other things.
     """
     part = np.where(inside, components(tetra, inside), -1)
     deletion_cost = _deletion_cost(tetra, costs, part)
     body = int(np.argmax(deletion_cost))
-    few = parts(deletion_cost) if moving or silhouettes else np.array([body])
+    few = parts(deletion_cost) if moving or one_thing else np.array([body])
     if costs.shown is not None:
         # what all silhouettes of the object show is its own
         own = np.bincount(part[inside], costs.shown[inside], len(deletion_cost)) > 0.5 * np.bincount(part[inside])
@@ -48,10 +53,13 @@ def joined(
     part = np.where(np.isin(part, few), part, -1)
     sky, facets = costs.outside > 0, _facets(tetra)
     label = _linked(tetra, facets, costs, part, deletion_cost, body, sky)
-    apart = np.setdiff1d(few, part[label])
-    if moving and len(apart):
+    held, apart = np.intersect1d(few, part[label]), np.setdiff1d(few, part[label])
+    if not moving and one_thing and len(apart):
+        own = surface_faces(tetra, part == body)
+        apart = apart[[one_thing(tetra.points, own, surface_faces(tetra, part == k)) for k in apart]]
+    if (moving or one_thing) and len(apart):
         # only what nothing else holds hangs by space that silhouettes show to be empty
-        deletion_cost[body] = deletion_cost[np.setdiff1d(few, apart)].sum()
+        deletion_cost[body] = deletion_cost[held].sum()
         part = np.where(label, body, np.where(np.isin(part, apart), part, -1))
         label = _linked(tetra, facets, costs, part, deletion_cost, body, np.zeros_like(sky))
     return label

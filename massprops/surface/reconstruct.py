@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain
 from typing import TYPE_CHECKING
 
@@ -34,6 +35,7 @@ from massprops.surface.cut import Costs, manifold, minimum_cut, surface_faces
 from massprops.surface.fill_by_motion import Balance, Cut, LikelyFill, Pull, balanced, centre_of, fill_centres, tells
 from massprops.surface.flat_sides import FlatSide, enclosed, flat_sides, in_front
 from massprops.surface.join import joined
+from massprops.surface.one_thing import hang_together
 from massprops.surface.outline_fill import filling_outlines
 from massprops.surface.refine import (
     Film,
@@ -329,10 +331,11 @@ def _meshes(given: _Given, pulls: Sequence[Pull]) -> Iterator[tuple[Pull, Mesh]]
         if more is not None:
             tetra, kind, costs, inside = _cut_out(replace(given, more=more))
     guard = (kind[tetra.corners] == GUARD).any(1)
+    one_thing = partial(hang_together, given.views, given.masks) if given.masks else None
     for k, pull in enumerate(pulls):
         own = costs.pulled(pull.strength - given.pull.strength)
         label = inside if pull == given.pull else minimum_cut(tetra, own)
-        body = manifold(tetra, joined(tetra, own, label, given.moving, bool(given.masks)), guard)
+        body = manifold(tetra, joined(tetra, own, label, given.moving, one_thing), guard)
         if body.sum() >= 10:
             yield pull, _mesh(tetra, kind, body)
         elif k == 0:

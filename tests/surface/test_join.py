@@ -7,6 +7,7 @@ import pytest
 import trimesh
 from synthetic_dense import boxes, cameras, observe, sphere_directions
 
+from massprops.geometry.rasterise import silhouette
 from massprops.surface.cut import Costs
 from massprops.surface.join import joined, parts
 from massprops.surface.reconstruct import Fill, reconstruct_surface
@@ -43,6 +44,21 @@ def test_a_piece_beside_a_still_object_is_left(seen):
     mesh, _ = mesh_of(seen, moving=False)
     assert mesh.is_volume and mesh.body_count == 1
     assert np.ptp(mesh.vertices[:, 0]) == pytest.approx(0.4, abs=0.015)
+
+
+@pytest.mark.parametrize(("shows", "length"), [((0, 1), 0.85), ((2,), 0.4)])
+def test_a_piece_on_a_string_that_most_silhouettes_show_is_the_object(seen, shows: tuple[int, ...], length: float):
+    """Of every three images these show the string, and the others show sky there, so that no hull is left of it."""
+    body, views, cloud, masks = seen
+    string = trimesh.creation.box((0.2, 0.02, 0.02), trimesh.transformations.translation_matrix([-0.05, 0, 0]))
+    drawn = [mask.copy() for mask in masks]
+    for i, mask in enumerate(drawn):
+        if i % 3 in shows:
+            camera = views.K[i], views.R[i], views.t[i], mask.shape[::-1]
+            mask[silhouette(np.asarray(string.vertices), np.asarray(string.faces), *camera)] = 255
+    mesh, _ = mesh_of((body, views, cloud, drawn), moving=False)
+    assert mesh.is_volume and mesh.body_count == 1
+    assert np.ptp(mesh.vertices[:, 0]) == pytest.approx(length, abs=0.015)
 
 
 def test_before_there_are_silhouettes_a_piece_beside_a_still_object_is_left(seen):
