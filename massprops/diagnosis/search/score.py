@@ -46,7 +46,7 @@ def score_tests(
     with np.errstate(all="ignore"):
         at = predict(case.problem, upon.fit.state, case.environment)
         left = residuals(case.problem, case.scored, at)
-        weights = robust(left, case.scored)
+        weights = robust(left, case.scored)[0]
         cost = float(np.sum(weights * left.squares))
         groups: list[list[int]] = [[]]
         for i, (added, values) in enumerate(candidates):

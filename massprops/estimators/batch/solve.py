@@ -9,7 +9,7 @@ import numpy as np
 from massprops.core.levenberg_marquardt import Damping, descend
 from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.rotation import six_of
-from massprops.estimators.batch.track_weights import track_weights, weight_of
+from massprops.estimators.batch.track_weights import bounded_square, track_weights, weight_of
 from massprops.model.linearise import Linear, Predicted, Residuals, linearise, predict, residuals
 from massprops.model.measurements import Measurements
 from massprops.model.problem import Problem
@@ -49,7 +49,7 @@ class Fit:
         state: where it came to rest; predicted: its motion.
         residuals: of the measurements fitted; weights (k,) robust, 0 for outliers, in the order of `Residuals.norms`.
         information: (f, f) of the free parameters, points eliminated, data only; free: (size,) which those are.
-        cost: half the weighted sum of squares with the belief; chi2: sum of squares of what was not gated out; count:
+        cost: half the loss of `robust` with the belief; chi2: sum of squares of what was not gated out; count:
             scalars in it; parameters: free parameters and points' coordinates.
         converged: the last step was negligible; iterations.
     """
@@ -122,9 +122,12 @@ class _Descent:
 
     def renew(self, state: BatchState, at: Predicted, left: Residuals) -> None:
         """Goes to a state, and linearises there."""
-        self.state, self.at, self.weights = state, at, robust(left, self.m)
+        self.state, self.at = state, at
+        self.weights, loss = robust(left, self.m)
         self.linear = linearise(self.problem, self.m, at, self.environment)
-        self.cost = _cost(self.linear.residuals, self.weights, state, self.inertia_prior)
+        # what the loss is above the weighted squares stays as it is until the weights are renewed
+        self.above = loss - weighted_squares(left, self.weights)
+        self.cost = self._cost(state, self.linear.residuals)
 
     def tried(self, trial: BatchState) -> tuple[float, Place]:
         """Cost of a state under the present weights, infinite if it is wild, with what it predicts and its residuals."""
@@ -133,7 +136,11 @@ class _Descent:
         with np.errstate(all="ignore"):
             at = predict(self.problem, trial, self.environment)
             left = residuals(self.problem, self.m, at)
-            return _cost(left, self.weights, trial, self.inertia_prior), (trial, at, left)
+            return self._cost(trial, left), (trial, at, left)
+
+    def _cost(self, state: BatchState, left: Residuals) -> float:
+        """Half the loss with the prior and the penalties, under the present weights."""
+        return 0.5 * (weighted_squares(left, self.weights) + self.above + _beside_data(state, self.inertia_prior))
 
 
 def fit(
@@ -183,7 +190,7 @@ def fit(
 
 def _fit_of(here: _Descent, free: np.ndarray, converged: bool, iterations: int) -> Fit:
     m, left = here.m, here.linear.residuals
-    weights = robust(left, m)
+    weights = robust(left, m)[0]
     kept = weights > 0
     placed = len(np.unique(m.seen.feature)) if len(m.uv) else 0
     return Fit(
@@ -215,16 +222,16 @@ def _hold_times(d: np.ndarray, state: BatchState, problem: Problem) -> None:
         at += len(values)
 
 
-def robust(r: Residuals, m: Measurements) -> np.ndarray:
-    """Weights: 1 in the bulk, falling beyond HUBER times its spread, 0 beyond GATE times and HUBER + 2 sigma; those of
-    whole tracks fall too where tracks may slide.
+def robust(r: Residuals, m: Measurements) -> tuple[np.ndarray, float]:
+    """Weights, and the loss: the weighted sum of squares, in which an outlier counts as it would at the gate.
+
+    Weights are 1 in the bulk, fall beyond HUBER times its spread, and are 0 beyond GATE times; those of whole tracks fall
+    too where tracks may slide. The loss does not fall with them: it would favour the fit that leaves out the most.
 
     A model that lacks something leaves the whole bulk large: the spread is of the bulk, never below the noise.
     """
     norms = r.norms
-    if not len(norms):
-        return norms
-    weights = np.ones_like(norms)
+    weights, loss = np.ones_like(norms), np.zeros_like(norms)
     at = 0
     for part, median in zip(r.parts, (0.83, 0.674, 0.888, 0.888), strict=True):
         own = slice(at, at + len(part))
@@ -232,15 +239,25 @@ def robust(r: Residuals, m: Measurements) -> np.ndarray:
         if len(part):
             spread = max(1.0, float(np.median(norms[own])) / median)
             weights[own] = weight_of(norms[own] / spread)
-    if m.may_slide:
-        weights[: len(r.tracks)] *= track_weights(r.tracks, m.seen.feature)
-    return weights
+            loss[own] = bounded_square(norms[own] / spread) * spread**2 * part.shape[1]
+    if m.may_slide and len(r.tracks):
+        tracks, feature = slice(len(r.tracks)), m.seen.feature
+        of_tracks, most = track_weights(r.tracks, feature)
+        weights[tracks] *= of_tracks
+        whole = np.bincount(feature, loss[tracks])[feature]
+        loss[tracks] *= np.minimum(1.0, most / np.maximum(whole, 1e-300))
+    return weights, float(np.sum(loss))
 
 
-def _cost(r: Residuals, weights: np.ndarray, state: BatchState, inertia_prior: InertiaPrior) -> float:
+def weighted_squares(r: Residuals, weights: np.ndarray) -> float:
+    """The weighted sum of squares without outliers, which may be anything."""
+    return float(np.sum(np.where(weights > 0, weights * r.squares, 0.0)))
+
+
+def _beside_data(state: BatchState, inertia_prior: InertiaPrior) -> float:
+    """Sum of squares of the prior and of the effects' penalties."""
     value = np.concatenate([prior_residuals(state, inertia_prior)[0], *(v for _, v, _ in penalties(state))])
-    # an outlier costs nothing: costs of two fits compare only as far as the same measurements are left out of both
-    return 0.5 * float(np.sum(np.where(weights > 0, weights * r.squares, 0.0)) + value @ value)
+    return float(value @ value)
 
 
 def prior_residuals(state: BatchState, inertia_prior: InertiaPrior | None) -> tuple[np.ndarray, np.ndarray]:
