@@ -53,7 +53,7 @@ WIDE = {
     "massprops/simulation/effect_size.py:sized",
     "massprops/simulation/tracks.py:_measure",
     "massprops/surface/reconstruct.py:reconstruct_surface",
-    "massprops/surface/registration.py:placed",
+    "massprops/surface/placed.py:placed",
 }
 """Functions, as `path:name`, with up to ten parameters, and why: no new one without a reason."""
 

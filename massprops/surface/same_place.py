@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from massprops.surface.cloud import Cloud
-from massprops.surface.registration import correlation, texture
+from massprops.surface.paint import correlation, texture
 
 NEAR_PX = 2.0
 """Points of both parts this near to each other are of one place [px]."""

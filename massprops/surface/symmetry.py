@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprops.surface.cloud import Cloud
-from massprops.surface.registration import correlation, texture
+from massprops.surface.paint import correlation, texture
 
 FOLDS = (6, 5, 4, 3, 2)
 """Numbers of sides that are tried, the most first: a body of four like sides is one of two as well."""

@@ -105,7 +105,7 @@ def test_features_join_what_shape_and_paint_leave_open(monkeypatch: pytest.Monke
 
     monkeypatch.setattr("massprops.sfm.across.lay", lay)
     monkeypatch.setattr("massprops.sfm.across.contradicted", lambda *_: False)
-    monkeypatch.setattr("massprops.surface.registration.overlap", lambda *_: 0.5)
+    monkeypatch.setattr("massprops.surface.paint.overlap", lambda *_: 0.5)
     side = SimpleNamespace(beside=lambda *_: side)
     placed = SimpleNamespace(shape=np.array([[-1.0, 0, 0], [1.0, 0, 0]]), pixel=0.01, middle=np.zeros(3), support=None)
     job: Any = SimpleNamespace(seed=0)
@@ -149,8 +149,8 @@ def test_an_answer_that_misses_first_silhouettes_is_asked_again(
     monkeypatch.setattr(join, "_redrawn", redrawn)
     monkeypatch.setattr(join, "_latest", lambda *_: [])
     monkeypatch.setattr(join, "replace", lambda job, out: SimpleNamespace(**{**vars(job), "out": out}))
-    monkeypatch.setattr("massprops.surface.registration.with_silhouettes", lambda side, *_: side)
-    monkeypatch.setattr("massprops.surface.registration.drawn_again", again)
+    monkeypatch.setattr("massprops.surface.placed.with_silhouettes", lambda side, *_: side)
+    monkeypatch.setattr("massprops.surface.laid_again.drawn_again", again)
     monkeypatch.setattr("massprops.sfm.across.lay", lambda *_, **__: None)
     side = SimpleNamespace(middle=np.zeros(3), support=None)
     shown: Any = {k: (side, None) for k in (0, 1)}
@@ -171,12 +171,12 @@ def test_features_of_one_pattern_on_two_sides_do_not_overrule_outlines(monkeypat
 
     monkeypatch.setattr("massprops.sfm.across.lay", lay)
     monkeypatch.setattr("massprops.sfm.across.contradicted", lambda *_: False)
-    monkeypatch.setattr("massprops.surface.registration.overlap", lambda *_: 0.5)
+    monkeypatch.setattr("massprops.surface.paint.overlap", lambda *_: 0.5)
     placed, job = SimpleNamespace(support=None), SimpleNamespace(seed=0)
     side = SimpleNamespace(beside=lambda *_: side)
     monkeypatch.setattr(join, "_on_both_shapes", lambda *_: None)
     for excluded, wanted in ((False, over), (True, R)):
-        monkeypatch.setattr("massprops.surface.registration.outlines_exclude", lambda *_, e=excluded: e)
+        monkeypatch.setattr("massprops.surface.laid_again.outlines_exclude", lambda *_, e=excluded: e)
         said, turn, _ = _laid(job, (placed, side), (placed, side), found)  # type: ignore[arg-type]
         assert np.array_equal(turn, wanted) and said["features"] == 90
 
@@ -200,8 +200,8 @@ def test_ends_that_look_alike_are_told_by_features_on_both_shapes(
 
     monkeypatch.setattr("massprops.sfm.across.lay", lay)
     monkeypatch.setattr("massprops.sfm.across.contradicted", lambda *_: False)
-    monkeypatch.setattr("massprops.surface.registration.overlap", lambda *_: 0.5)
-    monkeypatch.setattr("massprops.surface.registration.outlines_exclude", lambda *_: False)
+    monkeypatch.setattr("massprops.surface.paint.overlap", lambda *_: 0.5)
+    monkeypatch.setattr("massprops.surface.laid_again.outlines_exclude", lambda *_: False)
     side = SimpleNamespace(beside=lambda *_: side)
     placed, job = SimpleNamespace(support=None), SimpleNamespace(seed=0)
     said, turn, _ = _laid(job, (placed, side), (placed, side), found)  # type: ignore[arg-type]
@@ -218,7 +218,7 @@ def test_two_ways_up_that_look_alike_are_joined_turned_over(monkeypatch: pytest.
     monkeypatch.setattr("massprops.sfm.across.lay", lambda *_, **__: laid)
     monkeypatch.setattr("massprops.sfm.across.same_surface", lambda *_: same)
     monkeypatch.setattr("massprops.sfm.across.contradicted", lambda *_: False)
-    monkeypatch.setattr("massprops.surface.registration.overlap", lambda *_: 0.5)
+    monkeypatch.setattr("massprops.surface.paint.overlap", lambda *_: 0.5)
     up = np.array([0.0, 0, 1, 0])
     first, second = SimpleNamespace(support=up, middle=np.zeros(3)), SimpleNamespace(support=up, middle=np.zeros(3))
     second.support = np.append(R.T @ up[:3], 0.0)
@@ -251,7 +251,7 @@ def test_one_side_seen_twice_is_joined_where_its_features_say_so(
     )
     monkeypatch.setattr("massprops.sfm.across.same_surface", lambda *_: same)
     monkeypatch.setattr("massprops.sfm.across.contradicted", lambda *_: False)
-    monkeypatch.setattr("massprops.surface.registration.overlap", lambda *_: 0.5)
+    monkeypatch.setattr("massprops.surface.paint.overlap", lambda *_: 0.5)
     up = np.array([0.0, 0, 1])
     first, second = (SimpleNamespace(support=np.append(n, 0.0), middle=np.zeros(3)) for n in (up, R.T @ up))
     job: Any = SimpleNamespace(seed=0)
@@ -351,8 +351,8 @@ def test_outlines_drawn_again_settle_what_no_feature_laid(monkeypatch: pytest.Mo
         shows[side] = [int(np.count_nonzero(m)) for m in masks]
         return SimpleNamespace(middle=np.zeros(3))
 
-    monkeypatch.setattr("massprops.surface.registration.with_silhouettes", with_silhouettes)
-    monkeypatch.setattr("massprops.surface.registration.settled", lambda a, b, R, t: (R, t + 1.0))
+    monkeypatch.setattr("massprops.surface.placed.with_silhouettes", with_silhouettes)
+    monkeypatch.setattr("massprops.surface.laid_again.settled", lambda a, b, R, t: (R, t + 1.0))
     job: Any = SimpleNamespace(out=tmp_path, seed=0)
     parts = [(np.array([i]), np.eye(3), np.zeros(3), i) for i in range(3)]
     said: list[dict[str, Any]] = [{}, {"features": 90, "joint": {}}, {"features": 0, "joint": {}}]

@@ -11,8 +11,11 @@ from synthetic_dense import cameras, observe
 
 from massprops.dynamics.quaternion import rotation_matrix
 from massprops.geometry.rasterise import rasterise
+from massprops.surface.answers import Answer, PlacementPair
+from massprops.surface.paint import overlap
 from massprops.surface.photo_consistency import Photographs, photographs
-from massprops.surface.registration import Placed, _Answer, _Pair, _registration, overlap, placed
+from massprops.surface.placed import Placed, placed
+from massprops.surface.registration import _registration
 
 SIZE = (320, 240)
 TURNED = rotation_matrix(np.array([0.05, 0.99, 0.1, 0.05]) / np.linalg.norm([0.05, 0.99, 0.1, 0.05]))
@@ -73,9 +76,9 @@ def test_points_have_their_own_paint_where_the_right_turn_carries_them(upright: 
 
 def test_photographs_decide_where_stereo_measured_nothing_in_common(upright: Placed) -> None:
     """Of the block turned over only its upper face was measured, which the first placement does not show."""
-    both = _Pair(upright, side(TURNED, 2, top_only=True), np.random.default_rng(0))
+    both = PlacementPair(upright, side(TURNED, 2, top_only=True), np.random.default_rng(0))
     half = np.diag([-1.0, -1.0, 1.0])
-    answers = [_Answer(turn @ TURNED.T, np.zeros(3), outside) for turn, outside in ((half, 0.4), (np.eye(3), 0.5))]
+    answers = [Answer(turn @ TURNED.T, np.zeros(3), outside) for turn, outside in ((half, 0.4), (np.eye(3), 0.5))]
     assert not any(both.colour(a.R, a.t) for a in answers)
     found = _registration(both, [both.by_photographs(a) for a in answers])
     assert found.painted and found.colour > 0.3 and np.allclose(found.R, TURNED.T)

@@ -14,23 +14,13 @@ from synthetic_dense import cameras, observe
 
 from massprops.dynamics.quaternion import rotation_matrix
 from massprops.mass.integrals import hull_corners
+from massprops.surface.answers import Answer, PlacementPair
 from massprops.surface.cloud import Cloud
 from massprops.surface.coherence import Extent, Witnesses
-from massprops.surface.registration import (
-    Placed,
-    _Answer,
-    _chosen,
-    _Pair,
-    _same_body,
-    drawn_again,
-    next_answer,
-    outlines_exclude,
-    placed,
-    register,
-    resting,
-    same_side,
-    settled,
-)
+from massprops.surface.laid_again import drawn_again, next_answer, outlines_exclude, settled
+from massprops.surface.placed import Placed, placed
+from massprops.surface.registration import _chosen, _same_body, register
+from massprops.surface.stood_on import resting, same_side
 from massprops.surface.tangents import touching_shifts
 
 
@@ -94,7 +84,7 @@ def test_planes_that_touch_the_body_tell_where_a_turn_lies() -> None:
     R = first.metadata["R"] @ second.metadata["R"].T
     t = first.metadata["t"] - R @ second.metadata["t"]
     assert np.linalg.norm(touching_shifts(R[None], other.tangents, one.extent.corners())[0] - t) < 0.1
-    both = _Pair(one, replace(other, middle=other.middle + [0.5, -0.3, 0.4]), np.random.default_rng(0))
+    both = PlacementPair(one, replace(other, middle=other.middle + [0.5, -0.3, 0.4]), np.random.default_rng(0))
     turns = np.stack([R, R @ rotation_matrix(np.array([0.0, 1.0, 0.0, 0.0]))])
     found, own = both.shifts(turns, both.outlines)
     assert np.linalg.norm(found[0] - t) < 0.1
@@ -157,7 +147,7 @@ def test_paint_does_not_say_how_exactly_a_body_lies() -> None:
     """Of answers near to each other the one that outlines bear is taken, though the paint of a few points is more alike elsewhere."""
     about = [Rotation.from_euler("z", angle, degrees=True).as_matrix() for angle in (0, 9, 180, 90)]
     values = ((0.8, 0.26), (3.8, 0.53), (1.1, 0.1), (3.0, 0.02))
-    answers = [_Answer(R, np.zeros(3), *v) for R, v in zip(about, values, strict=True)]
+    answers = [Answer(R, np.zeros(3), *v) for R, v in zip(about, values, strict=True)]
     assert _chosen(sorted(answers, key=lambda a: a.outside)) is answers[0]
 
 
@@ -195,9 +185,7 @@ def test_answers_that_make_other_bodies_are_rivals() -> None:
 def test_turns_of_a_body_of_revolution_are_one_answer() -> None:
     """Each is seen to be the body of the next; only what fits as well leads on."""
     about = [Rotation.from_euler("z", angle, degrees=True).as_matrix() for angle in (0, 40, 80, 120, 170)]
-    answers = [
-        _Answer(R, np.zeros(3), outside) for R, outside in zip(about, (0.30, 0.31, 0.32, 0.9, 0.31), strict=True)
-    ]
+    answers = [Answer(R, np.zeros(3), outside) for R, outside in zip(about, (0.30, 0.31, 0.32, 0.9, 0.31), strict=True)]
     both: Any = SimpleNamespace(one_body=lambda a, b: a.away(b) < 60.0)
     found = _same_body(both, answers[0], answers)
     assert [a in found for a in answers] == [False, True, True, True, False], (

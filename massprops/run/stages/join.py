@@ -21,7 +21,8 @@ from massprops.views import Views, undistort
 
 if TYPE_CHECKING:
     from massprops.sfm.across import Laid, Side
-    from massprops.surface.registration import Placed, Registration
+    from massprops.surface.placed import Placed
+    from massprops.surface.registration import Registration
 
 READS = ("capture", "sfm", "shape", "silhouettes")
 OPTIONS = ()
@@ -139,7 +140,7 @@ def _support(
     it was turned over, as every side was seen then. A shoe that was turned on a table and photographed all round again was left open
     below, and its volume known to 59 %, where each round alone knows it to 9 %.
     """
-    from massprops.surface.registration import same_side
+    from massprops.surface.stood_on import same_side
 
     first, *others = (k for *_, k in parts)
     turns = (R for _, R, *_ in parts[1:])
@@ -226,7 +227,8 @@ def _settled(
         parts: of each joined placement its views, R and t that laid it onto the first, and its number.
         shown: placements by their number; entries: of `join.json`, `joint` is brought up to date.
     """
-    from massprops.surface.registration import settled, with_silhouettes
+    from massprops.surface.laid_again import settled
+    from massprops.surface.placed import with_silhouettes
 
     now = [with_silhouettes(shown[k], views.take(m), _latest(job, views.take(m)), job.seed) for m, _, _, k in parts]
     out = parts[:1]
@@ -268,7 +270,8 @@ def _laid_again(
     Args:
         index: views of the placement laid onto and of the one that is laid, by their numbers; registration: by the silhouettes before.
     """
-    from massprops.surface.registration import drawn_again, next_answer, with_silhouettes
+    from massprops.surface.laid_again import drawn_again, next_answer
+    from massprops.surface.placed import with_silhouettes
 
     pair = tuple(index)
     trial, fits = replace(job, out=job.out / "trial"), []
@@ -297,7 +300,7 @@ def _laid(
         registration: how they lie by their silhouettes.
     """
     from massprops.sfm.across import contradicted
-    from massprops.surface.registration import overlap
+    from massprops.surface.paint import overlap
 
     laid = _by_features(base, other, registration)
     entry = {**_entry_of(registration), "features": 0}
@@ -346,7 +349,7 @@ def _by_features(base: tuple[Placed, Side], other: tuple[Placed, Side], registra
         registration: how they lie by outlines and paint.
     """
     from massprops.sfm.across import lay
-    from massprops.surface.registration import outlines_exclude
+    from massprops.surface.laid_again import outlines_exclude
 
     if registration.unpainted:
         # 509 matches of a plain rock (Blender), three times those by chance, laid it 1.4 degrees off where its outlines were 0.1 off
@@ -382,7 +385,7 @@ def _seen_again(
     bear that it was turned over.
     """
     from massprops.sfm.across import same_surface
-    from massprops.surface.registration import same_side
+    from massprops.surface.stood_on import same_side
 
     R, t = (registration.R, registration.t) if laid is None else (laid.R, laid.t)
     alike = same_side(base[0], other[0], R)
@@ -411,7 +414,7 @@ def _placed(job: Job, views: Views, number: int, support: np.ndarray | None) -> 
     """A placement as the registration wants it."""
     from massprops.run.stages.shape import placement_folder, placement_points
     from massprops.surface.photo_consistency import photographs
-    from massprops.surface.registration import placed
+    from massprops.surface.placed import placed
 
     cloud, colour = placement_points(job.work("shape"), number)
     with np.load(placement_folder(job.work("shape"), number) / "shape.npz", allow_pickle=False) as z:
