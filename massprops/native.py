@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from massprops.core.processes import captured_output
 from massprops.errors import InputError
@@ -105,6 +105,19 @@ def load_open3d() -> ModuleType:
     except (ImportError, OSError) as error:
         raise InputError(f"open3d cannot be loaded: {error}; {advice(str(error))}") from None
     return open3d
+
+
+def ray_scene(*meshes: tuple[np.ndarray, np.ndarray]) -> Any:
+    """open3d's `RaycastingScene` of meshes, vertices (v, 3) and faces (f, 3), which it numbers in this order.
+
+    It keeps vertices as float32, and its queries take contiguous arrays of that, of which its types say nothing.
+    """
+    import numpy as np
+
+    scene = load_open3d().t.geometry.RaycastingScene()
+    for vertices, faces in meshes:
+        scene.add_triangles(np.ascontiguousarray(vertices, np.float32), np.ascontiguousarray(faces, np.uint32))
+    return scene
 
 
 def mesh_set(vertices: np.ndarray, faces: np.ndarray) -> pymeshlab.MeshSet:

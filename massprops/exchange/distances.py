@@ -29,34 +29,29 @@ class Surface:
     """One mesh made ready for closest-point queries; coordinates are centred, since open3d keeps them as float32."""
 
     def __init__(self, mesh: trimesh.Trimesh) -> None:
-        from massprops.native import load_open3d
+        from massprops.native import ray_scene
 
-        self._o3d = load_open3d()
         vertices = np.asarray(mesh.vertices, float)
         self._middle = 0.5 * (vertices.min(0) + vertices.max(0))
-        self._scene = self._o3d.t.geometry.RaycastingScene()
-        self._scene.add_triangles(
-            self._o3d.core.Tensor((vertices - self._middle).astype(np.float32)),
-            self._o3d.core.Tensor(np.asarray(mesh.faces, np.uint32)),
-        )
+        self._scene = ray_scene((vertices - self._middle, mesh.faces))
 
-    def _tensor(self, points: np.ndarray) -> Any:
-        return self._o3d.core.Tensor(np.ascontiguousarray(points - self._middle, dtype=np.float32))
+    def _centred(self, points: np.ndarray) -> np.ndarray:
+        return np.ascontiguousarray(points - self._middle, dtype=np.float32)
 
     def closest(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Closest points (n, 3) on the surface, and the normals (n, 3) of their faces."""
-        hit = self._scene.compute_closest_points(self._tensor(points))
+        hit = self._scene.compute_closest_points(self._centred(points))
         normals = hit["primitive_normals"].numpy().astype(float)
         size = np.linalg.norm(normals, axis=1, keepdims=True)
         return hit["points"].numpy().astype(float) + self._middle, normals / np.where(size > 0, size, 1.0)
 
     def distance(self, points: np.ndarray) -> np.ndarray:
         """(n,) unsigned distance of points (n, 3)."""
-        return np.asarray(self._scene.compute_distance(self._tensor(points)).numpy(), float)
+        return np.asarray(self._scene.compute_distance(self._centred(points)).numpy(), float)
 
     def signed(self, points: np.ndarray) -> np.ndarray:
         """(n,) distance, positive outside the closed surface; three rays vote on the side."""
-        return np.asarray(self._scene.compute_signed_distance(self._tensor(points), nsamples=3).numpy(), float)
+        return np.asarray(self._scene.compute_signed_distance(self._centred(points), nsamples=3).numpy(), float)
 
 
 def surface_distances(ours: trimesh.Trimesh, cad: trimesh.Trimesh, length: float, seed: int = 0) -> dict[str, Any]:

@@ -70,28 +70,22 @@ class Renderer:
     """Renders frames of one scene; everything that does not change between frames is made once."""
 
     def __init__(self, mesh: trimesh.Trimesh, scenario: Scenario, lens: Lens) -> None:
-        from massprops.native import load_open3d
+        from massprops.native import ray_scene
 
-        self.o3d = load_open3d()
         self.mesh, self.scenario, self.lens = mesh, scenario, lens
-        self.scene = self.o3d.t.geometry.RaycastingScene()
-        self._add(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+        meshes = [(np.asarray(mesh.vertices), np.asarray(mesh.faces))]
         self.floor = None
         if scenario.motion == "static":
             self.floor = float(mesh.vertices[:, 2].min())
             reach = 60.0 * mesh.extents.max()
             corners = np.array([[x, y, self.floor] for x in (-reach, reach) for y in (-reach, reach)])
-            self._add(corners, np.array([[0, 2, 1], [1, 2, 3]]))
+            meshes.append((corners, np.array([[0, 2, 1], [1, 2, 3]])))
+        self.scene = ray_scene(*meshes)
         size = scenario.texture_m if scenario.texture_m > 0 else 0.12 * float(mesh.extents.max())
         self.noise, self.ground = Noise(scenario.seed, size), Noise(scenario.seed + 7, 1.5 * size)
         self.normals = np.asarray(mesh.vertex_normals if scenario.smooth else mesh.face_normals)
         self.rays = self._rays()
         self.backdrop = self._backdrop()
-
-    def _add(self, vertices: np.ndarray, faces: np.ndarray) -> None:
-        self.scene.add_triangles(
-            self.o3d.core.Tensor(vertices.astype(np.float32)), self.o3d.core.Tensor(faces.astype(np.uint32))
-        )
 
     def _rays(self) -> np.ndarray:
         """(h * SUPER, w * SUPER, 3) directions in the camera, z = 1, through the lens's distortion."""
@@ -160,7 +154,7 @@ class Renderer:
     ) -> tuple[np.ndarray, np.ndarray]:
         origin, direction = -R.T @ t, rays @ R.astype(np.float32)
         query = np.concatenate([np.broadcast_to(origin.astype(np.float32), direction.shape), direction], axis=1)
-        answer = self.scene.cast_rays(self.o3d.core.Tensor(np.ascontiguousarray(query)))
+        answer = self.scene.cast_rays(np.ascontiguousarray(query))
         depth = answer["t_hit"].numpy()
         hit = np.isfinite(depth)
         face, part = answer["primitive_ids"].numpy()[hit], answer["geometry_ids"].numpy()[hit]
@@ -170,9 +164,7 @@ class Renderer:
         normal[body] = self._normal(face[body], answer["primitive_uvs"].numpy()[hit][body])
         size = float(self.mesh.extents.max())
         shadow_query = np.concatenate([point + 2e-4 * size * normal, np.broadcast_to(sun, point.shape)], axis=1)
-        shadow = np.isfinite(
-            self.scene.cast_rays(self.o3d.core.Tensor(shadow_query.astype(np.float32)))["t_hit"].numpy()
-        )
+        shadow = np.isfinite(self.scene.cast_rays(shadow_query.astype(np.float32))["t_hit"].numpy())
         toward = np.clip(normal @ sun, 0, 1)
         direct = toward * ~shadow
         view = -direction[hit] / np.linalg.norm(direction[hit], axis=1, keepdims=True)

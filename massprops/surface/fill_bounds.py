@@ -53,16 +53,10 @@ def beyond_bounds(
 
 def thickness(mesh: tuple[np.ndarray, np.ndarray], which: np.ndarray) -> np.ndarray:
     """(k,) how thick the body is under each of the faces `which` (k,) int, against the normal; infinite where nothing is behind."""
-    from massprops.native import load_open3d
+    from massprops.native import ray_scene
 
-    open3d = load_open3d()
     vertices, faces = mesh
-    scene = open3d.t.geometry.RaycastingScene()
-    scene.add_triangles(
-        open3d.core.Tensor(np.ascontiguousarray(vertices, np.float32)),
-        open3d.core.Tensor(np.ascontiguousarray(faces, np.uint32)),
-    )
     inward = -face_normals(vertices, faces[which])
     start = vertices[faces[which]].mean(axis=1) + ASIDE * float(np.ptp(vertices, axis=0).max()) * inward
     rays = np.concatenate([start, inward], axis=1).astype(np.float32)
-    return np.asarray(scene.cast_rays(open3d.core.Tensor(rays))["t_hit"].numpy(), float)
+    return np.asarray(ray_scene(mesh).cast_rays(rays)["t_hit"].numpy(), float)

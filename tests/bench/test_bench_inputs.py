@@ -109,16 +109,14 @@ def paint_marker(sequence: Path, truth: Truth, folder: Path, side: float) -> Non
 
     The JPEGs carry EXIF's 35 mm equivalent, a whole number 0.7 % off.
     """
-    from massprops.native import load_open3d
+    from massprops.native import ray_scene
 
-    o3d = load_open3d()
     camera = read_sequence(sequence).cameras[0]
     K = np.array(
         [[camera.intrinsics[0], 0, camera.intrinsics[2]], [0, camera.intrinsics[1], camera.intrinsics[3]], [0, 0, 1]]
     )
     mesh = trimesh.load(sequence / "truth" / "mesh.ply")
-    scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(np.asarray(mesh.vertices, np.float32), np.asarray(mesh.faces, np.uint32))
+    scene = ray_scene((mesh.vertices, mesh.faces))
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
     sheet = cv2.copyMakeBorder(cv2.aruco.generateImageMarker(dictionary, 7, 600), *[100] * 4, 0, value=255)
     corner = np.array([[-0.5, -0.5], [799.5, -0.5], [799.5, 799.5], [-0.5, 799.5]], np.float32)

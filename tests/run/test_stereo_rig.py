@@ -42,14 +42,11 @@ def depth_over_true_depth(
     sequence: Path, views: Views, points: SparsePoints, own: np.ndarray, index: dict[str, int]
 ) -> np.ndarray:
     """Depth of every point that cam0 saw over that of the true surface along the same ray."""
-    from massprops.native import load_open3d
-
-    o3d = load_open3d()
+    from massprops.native import ray_scene
 
     truth, mesh = read_truth(sequence), trimesh.load(sequence / "truth" / "mesh.ply")
     assert truth is not None
-    scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(np.asarray(mesh.vertices, np.float32), np.asarray(mesh.faces, np.uint32))
+    scene = ray_scene((mesh.vertices, mesh.faces))
     out = []
     for k in own:
         seen = np.flatnonzero(points.obs_view == k)

@@ -127,6 +127,7 @@ def _truth(c: dict[str, Any]) -> dict[str, np.ndarray]:
         def pull(x: np.ndarray, l: np.ndarray) -> np.ndarray:
             return np.array(differential_gravity(MU, *l, *x))
 
+        # Nystroem's method for second-order equations: three accelerations a step, where `runge_kutta.step` takes four
         a1 = pull(r, l0)
         a2 = pull(r + h / 2 * v, (l0 + l1) / 2)
         a4 = pull(r + h * v + h * h / 2 * a2, l1)
