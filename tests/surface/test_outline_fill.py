@@ -11,7 +11,7 @@ import pytest
 import trimesh
 from surface.test_outline_gaps import body, filmed
 
-from massprops.run.stages.surface import _surface
+from massprops.run.stages.surface import Evidence, _surface
 from massprops.surface.outline_fill import filling_outlines
 from massprops.surface.reconstruct import Fill
 from massprops.surface.refine import vertex_normals
@@ -60,5 +60,6 @@ def test_only_what_neither_a_plane_nor_the_light_bounds_is_a_film(
     monkeypatch.setattr("massprops.surface.reconstruct.reconstruct_surface", lambda *_, fill, **__: asked.append(fill))
     job: Any = SimpleNamespace(work=lambda _: Path("nowhere"), seed=0, progress=None)
     nothing: Any = None
-    _surface(job, (nothing, [], []), (nothing, nothing), {"support_plane": support}, moving, None)
+    nowhere = {"views": nothing, "cloud": nothing, "table": nothing, "place": {"support_plane": support}}
+    _surface(job, Evidence(**nowhere, masks=[], grey=[], moving=moving, balance=None))
     assert asked[0].membrane == pytest.approx(share)

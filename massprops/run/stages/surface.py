@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -65,6 +65,27 @@ class _Holes(NamedTuple):
 NO_HOLES = _Holes(0, np.zeros(10), 0, 0.0, np.zeros(10))
 
 
+@dataclass(frozen=True, kw_only=True)
+class Evidence:
+    """What a closed surface is made from.
+
+    Attributes:
+        views, masks: cameras and their silhouettes; grey: their images where a body is before black sky, else none.
+        cloud: the body's points; table: those of the plane it stands on that lie within silhouettes.
+        place: `join.json`; moving: nothing else is in the cloud.
+        balance: where a free body's motion shows its centre of mass, or None.
+    """
+
+    views: Views
+    masks: list[np.ndarray]
+    grey: list[np.ndarray]
+    cloud: Cloud
+    table: Cloud
+    place: dict[str, Any]
+    moving: bool
+    balance: Balance | None
+
+
 def lost_share(vertices: np.ndarray, xyz: np.ndarray, far: float) -> float:
     """Share of points (n, 3) that lie farther than `far` from every vertex (v, 3)."""
     from scipy.spatial import cKDTree
@@ -91,35 +112,28 @@ def integrals_of_body(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 def run(job: Job) -> dict[str, Any]:
     """Writes surface.npz (see `_save`) and surface.json; masks/ too, where silhouettes were drawn from a shape."""
     from massprops.run.unjoined import underside_may_be_hollow, unjoined
-    from massprops.surface.cloud import Cloud
     from massprops.surface.disagreement import holding
     from massprops.surface.hollow import hollowed
     from massprops.surface.outer import outer_integrals
     from massprops.surface.spread import ErrorSources, balancing, replicates, with_rivals
     from massprops.surface.through_holes import with_open_holes
-    from massprops.surface.unlit import spare_unlit
     from massprops.views import Views
 
     views = Views.load(job.work("join") / "views.npz")
     place = json.loads((job.work("join") / "join.json").read_text())
     footage = json.loads((job.work("capture") / "footage.json").read_text())
-    cloud, table = _without_support(job, views, Cloud.load(job.work("dense") / "points.npz"), place)
     # what turns on a support is no free body: other things may stand there
     free = footage["motion"] == "tumbling" and place["support_plane"] is None
-    masks = [undistorted_mask(job, views, i) for i in range(len(views))]
-    grey = _grey(job, views) if free and _before_black_sky(footage) else []
-    if grey and len(cloud):
-        masks = spare_unlit(views, masks, grey, cloud, job.seed)
-    moving = free or bool(footage["masks_given"])
-    balance = _balance(views, cloud, footage) if grey and len(cloud) else None
-    surface, masks, lit = _surface(job, (views, masks, grey), (cloud, table), place, moving, balance)
+    seen = _evidence(job, views, place, footage, free)
+    surface, masks, lit = _surface(job, seen)
     # what turns in the light changes on every side from view to view
     shown = [] if free else _grey(job, views)
     surface = _by_images(surface, views, shown, masks, place) if footage["motion"] == "static" else surface
-    _draw_silhouettes_again(job, surface, views, masks, moving)
+    _draw_silhouettes_again(job, surface, views, masks, seen.moving)
     lost = _lost(surface)
     surface, holes = _opened(surface, views, shown) if shown else (surface, NO_HOLES)
-    gaps = _outline_gaps(surface, views, masks, free, bool(grey))
+    gaps = _outline_gaps(surface, views, masks, free, bool(seen.grey))
+    balance = seen.balance
     sources = ErrorSources(
         _focal_sigma(job), gaps, free, balance is not None and surface.fill is not None, _joints(place), lit
     )
@@ -141,13 +155,35 @@ def run(job: Job) -> dict[str, Any]:
     outer = outer_integrals(surface.hull, surface.vertices) if collapsed(valid_bodies(rows)) else np.zeros(10)
     _save(job, surface, (rows, lengths), by_shape if sources.balanced else (rows, lengths), outer)
     facts = _facts(surface, lost, dict(zip(views.names, gaps.overlap, strict=True)))
-    facts["symmetric"] = _symmetric(job, views, masks, cloud, surface, footage) if free else []
+    facts["symmetric"] = _symmetric(job, views, masks, seen.cloud, surface, footage) if free else []
     facts |= told | {"camera_drift_px": gaps.drift}
     facts |= {"hollow_elsewhere": underside_hollow, "differing_placements": differing}
     for line in facts["warnings"]:
         job.warn(line)
     (job.out / "surface.json").write_text(json.dumps(facts, indent=1))
     return {k: facts[k] for k in ("watertight", "observed_fraction", "faces", "partial")}
+
+
+def _evidence(job: Job, views: Views, place: dict[str, Any], footage: dict[str, Any], free: bool) -> Evidence:
+    """What the stages before found; free: the body tumbles, and stands on nothing."""
+    from massprops.surface.cloud import Cloud
+    from massprops.surface.unlit import spare_unlit
+
+    cloud, table = _without_support(job, views, Cloud.load(job.work("dense") / "points.npz"), place)
+    masks = [undistorted_mask(job, views, i) for i in range(len(views))]
+    grey = _grey(job, views) if free and _before_black_sky(footage) else []
+    if grey and len(cloud):
+        masks = spare_unlit(views, masks, grey, cloud, job.seed)
+    return Evidence(
+        views=views,
+        masks=masks,
+        grey=grey,
+        cloud=cloud,
+        table=table,
+        place=place,
+        moving=free or bool(footage["masks_given"]),
+        balance=_balance(views, cloud, footage) if grey and len(cloud) else None,
+    )
 
 
 Replicates = tuple[np.ndarray, np.ndarray]
@@ -406,51 +442,27 @@ def _balance(views: Views, cloud: Cloud, footage: dict[str, Any]) -> Balance | N
     return None if found is None else Balance(found.place, found.covariance)
 
 
-def _surface(
-    job: Job,
-    seen: tuple[Views, list[np.ndarray], list[np.ndarray]],
-    clouds: tuple[Cloud, Cloud],
-    place: dict[str, Any],
-    moving: bool,
-    balance: Balance | None,
-) -> tuple[Surface, list[np.ndarray], np.ndarray]:
-    """The closed surface, its masks, and the places (k, 3) of parts that are lit at times and that it missed at first; arguments as of
-    `_closed`.
+def _surface(job: Job, seen: Evidence) -> tuple[Surface, list[np.ndarray], np.ndarray]:
+    """The closed surface, its masks, and the places (k, 3) of parts that are lit at times and that it missed at first.
 
     Where it misses a part of a body before a black sky that silhouettes show when it is lit, it is made again without the sky that was seen
     there when it was not.
     """
     from massprops.surface.silhouette_only import lit_at_times, spare_where_dark
 
-    surface, masks = _closed(job, seen, clouds, place, moving, balance)
-    views, _, grey = seen
-    if not grey or not surface.observed.any():
+    surface, masks = _closed(job, seen)
+    if not seen.grey or not surface.observed.any():
         return surface, masks, np.zeros((0, 3))
-    lit = lit_at_times((surface.vertices, surface.faces), views, masks, surface.hull, surface.spacing)
+    lit = lit_at_times((surface.vertices, surface.faces), seen.views, masks, surface.hull, surface.spacing)
     if not len(lit):
         return surface, masks, lit
-    spared = spare_where_dark(views, masks, lit)
-    again, spared = _closed(job, (views, spared, grey), clouds, place, moving, balance)
+    again, spared = _closed(job, replace(seen, masks=spare_where_dark(seen.views, masks, lit)))
     near, far = (lost_share(s.vertices, lit, FAR * surface.spacing) for s in (again, surface))
     return (again, spared, lit) if near < far else (surface, masks, lit)
 
 
-def _closed(
-    job: Job,
-    seen: tuple[Views, list[np.ndarray], list[np.ndarray]],
-    clouds: tuple[Cloud, Cloud],
-    place: dict[str, Any],
-    moving: bool,
-    balance: Balance | None,
-) -> tuple[Surface, list[np.ndarray]]:
-    """A closed surface; of outlines alone where the points carry none and the object's place is known. And its masks.
-
-    Args:
-        seen: views, their masks, and their images where a body is before black sky, else none.
-        clouds: the body's points, and those of the plane it stands on that lie within silhouettes.
-        place: `join.json`; moving: nothing else is in the cloud.
-        balance: where a free body's motion shows its centre of mass, or None.
-    """
+def _closed(job: Job, seen: Evidence) -> tuple[Surface, list[np.ndarray]]:
+    """A closed surface; of outlines alone where the points carry none and the object's place is known. And its masks."""
     from massprops.surface.cloud import Cloud
     from massprops.surface.outline_cloud import surface_of_outlines
     from massprops.surface.reconstruct import FILLED, STRETCHED, reconstruct_surface
@@ -458,34 +470,34 @@ def _closed(
     from massprops.surface.silhouette import shown_as_object
     from massprops.surface.unlit import spare_behind_light
 
-    (views, masks, grey), (cloud, table) = seen, clouds
+    views, masks, place = seen.views, seen.masks, seen.place
     support = None if place["support_plane"] is None else np.array(place["support_plane"], float)
-    unless_shown = STRETCHED if support is None and not moving else FILLED
+    unless_shown = STRETCHED if support is None and not seen.moving else FILLED
     beside = None
     if (job.work("join") / "other.npz").is_file():
         beside = Cloud.load(job.work("join") / "other.npz")
-        beside = Cloud.joined([beside.take(np.flatnonzero(~shown_as_object(beside, views, masks))), table])
+        beside = Cloud.joined([beside.take(np.flatnonzero(~shown_as_object(beside, views, masks))), seen.table])
     try:
         surface = reconstruct_surface(
             views,
             masks,
-            cloud,
+            seen.cloud,
             seed=job.seed,
             progress=job.progress,
             support=support,
-            moving=moving,
+            moving=seen.moving,
             surroundings=beside,
-            fill=unless_shown if balance is None else balance,
+            fill=unless_shown if seen.balance is None else seen.balance,
         )
         return surface, masks
     except NotPossible:
         if place.get("middle") is None:
             raise
     middle, radius = np.array(place["middle"], float), BALL * float(place["radius"])
-    if grey:
-        masks = spare_behind_light(views, masks, grey)
+    if seen.grey:
+        masks = spare_behind_light(views, masks, seen.grey)
     surface = surface_of_outlines(views, masks, middle, radius, job.progress, support)
-    return (with_brightness(surface, views, masks, grey, (middle, radius)) if grey else surface), masks
+    return (with_brightness(surface, views, masks, seen.grey, (middle, radius)) if seen.grey else surface), masks
 
 
 def _facts(surface: Surface, lost: float, overlap: dict[str, float]) -> dict[str, Any]:
