@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from massprops.dynamics.environment import EnvironmentModel
-from massprops.estimators.batch.solve import InertiaPrior, Search, fit, robust, weighted_squares
+from massprops.estimators.batch.solve import InertiaPrior, Search, costs_alike, fit, robust, spread_of, weighted_squares
 from massprops.estimators.batch.track_weights import GATE, HUBER
 from massprops.model.linearise import Residuals, predict, residuals
 from massprops.model.measurements import Measurements, measurements_of
@@ -112,3 +114,21 @@ def test_a_fit_tells_what_its_outliers_cost() -> None:
     assert (with_outliers.weights[:5] == 0).all()
     rise = with_outliers.cost - plain.cost
     assert rise == pytest.approx(0.5 * 5 * 2 * HUBER * GATE, rel=0.15)
+
+
+def test_fits_are_compared_with_the_same_spread() -> None:
+    """The bulk of one is a little larger by chance, what its outliers cost goes with the square of that, and it is no worse a fit."""
+    r, m = at_truth()
+    tracks = 1.2 * r.tracks
+    tracks[:100] = 100.0
+    one = replace(r, tracks=tracks)
+    other = replace(r, tracks=np.where(np.arange(len(tracks))[:, None] < 100, 100.0, 0.999 * tracks))
+    at_first, at_last = (spread_of(x)[0] for x in (one, other))
+    assert 1.0 < at_last < at_first
+    fits: Any = [SimpleNamespace(cost=0.5 * robust(x, m)[1], residuals=x) for x in (one, other)]
+    alone, alike = np.array([f.cost for f in fits]), costs_alike(fits, m)
+    of_outliers = 100 * HUBER * GATE * (at_first**2 - at_last**2)
+    assert alike[1] == pytest.approx(alone[1])
+    assert np.ptp(alone) - np.ptp(alike) == pytest.approx(of_outliers, rel=0.2)
+    lost: Any = SimpleNamespace(cost=np.nan, residuals=one)
+    assert np.isinf(costs_alike([fits[0], lost], m)).tolist() == [False, True]

@@ -9,7 +9,7 @@ import numpy as np
 from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.inertia import ratios
 from massprops.estimators.batch.outcome import LARGEST_SIGMA_K
-from massprops.estimators.batch.solve import Fit, InertiaPrior, fit
+from massprops.estimators.batch.solve import Fit, InertiaPrior, costs_alike, fit
 from massprops.geometry.vectors import unit
 from massprops.model.measurements import Measurements
 from massprops.model.problem import Problem
@@ -45,11 +45,12 @@ def best_of_rivals(
         if not np.isfinite(other.cost):
             continue
         fits.append(other)
-        best = min(fits, key=lambda f: f.cost)
+        costs = costs_alike(fits, m)
+        best = fits[int(np.argmin(costs))]
         k = ratios(best.state.inertia)[0]
-        for f in fits:
+        for f, more in zip(fits, costs - costs.min(), strict=True):
             off = np.max(np.abs(ratios(f.state.inertia)[0] - k))
-            if 2 * (f.cost - best.cost) < RIVAL_CHI2 and off > LARGEST_SIGMA_K:
+            if 2 * more < RIVAL_CHI2 and off > LARGEST_SIGMA_K:
                 return best, "bodies of quite different inertia explain this motion as well: it is nearly a flat spin"
     return best, None
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -222,24 +223,31 @@ def _hold_times(d: np.ndarray, state: BatchState, problem: Problem) -> None:
         at += len(values)
 
 
-def robust(r: Residuals, m: Measurements) -> tuple[np.ndarray, float]:
+def spread_of(r: Residuals) -> np.ndarray:
+    """(4,) how large the bulk of each kind of residuals is, in units of the noise and never below that: a model that lacks something
+    leaves the whole bulk large."""
+    kinds = zip(r.parts, (0.83, 0.674, 0.888, 0.888), strict=True)
+    sizes = ((np.sqrt(np.mean(part**2, axis=1)), median) for part, median in kinds)
+    return np.array([max(1.0, float(np.median(size)) / median) if len(size) else 1.0 for size, median in sizes])
+
+
+def robust(r: Residuals, m: Measurements, spread: np.ndarray | None = None) -> tuple[np.ndarray, float]:
     """Weights, and the loss: the weighted sum of squares, in which an outlier counts as it would at the gate.
 
     Weights are 1 in the bulk, fall beyond HUBER times its spread, and are 0 beyond GATE times; those of whole tracks fall
     too where tracks may slide. The loss does not fall with them: it would favour the fit that leaves out the most.
 
-    A model that lacks something leaves the whole bulk large: the spread is of the bulk, never below the noise.
+    Args:
+        spread: (4,) as of `spread_of`, by default that of the residuals.
     """
     norms = r.norms
     weights, loss = np.ones_like(norms), np.zeros_like(norms)
     at = 0
-    for part, median in zip(r.parts, (0.83, 0.674, 0.888, 0.888), strict=True):
+    for part, size in zip(r.parts, spread_of(r) if spread is None else spread, strict=True):
         own = slice(at, at + len(part))
         at += len(part)
-        if len(part):
-            spread = max(1.0, float(np.median(norms[own])) / median)
-            weights[own] = weight_of(norms[own] / spread)
-            loss[own] = bounded_square(norms[own] / spread) * spread**2 * part.shape[1]
+        weights[own] = weight_of(norms[own] / size)
+        loss[own] = bounded_square(norms[own] / size) * size**2 * part.shape[1]
     if m.may_slide and len(r.tracks):
         tracks, feature = slice(len(r.tracks)), m.seen.feature
         of_tracks, most = track_weights(r.tracks, feature)
@@ -247,6 +255,16 @@ def robust(r: Residuals, m: Measurements) -> tuple[np.ndarray, float]:
         whole = np.bincount(feature, loss[tracks])[feature]
         loss[tracks] *= np.minimum(1.0, most / np.maximum(whole, 1e-300))
     return weights, float(np.sum(loss))
+
+
+def costs_alike(fits: Sequence[Fit], m: Measurements) -> np.ndarray:
+    """(k,) costs of fits to the same measurements, infinite where a search was lost, with the same spread for all.
+
+    Each has its own by chance, and what its outliers cost goes with the square of that.
+    """
+    spread = np.min([spread_of(f.residuals) for f in fits], axis=0)
+    costs = [f.cost + 0.5 * (robust(f.residuals, m, spread)[1] - robust(f.residuals, m)[1]) for f in fits]
+    return np.where(np.isfinite(costs), costs, np.inf)
 
 
 def weighted_squares(r: Residuals, weights: np.ndarray) -> float:

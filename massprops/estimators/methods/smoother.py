@@ -18,7 +18,7 @@ from massprops.estimators.batch import one_camera
 from massprops.estimators.batch.halves import halves, residual_rows
 from massprops.estimators.batch.outcome import estimate_of
 from massprops.estimators.batch.rivals import best_of_rivals
-from massprops.estimators.batch.solve import Fit, InertiaPrior, fit
+from massprops.estimators.batch.solve import InertiaPrior, costs_alike, fit
 from massprops.estimators.batch.start import batch_start
 from massprops.estimators.result import Estimate, Prior
 from massprops.model import Model
@@ -66,7 +66,8 @@ def estimate(problem: Problem, prior: Prior, start: Start, model: Model | None =
     own = _state_of_model(state, model, problem)
     if own is not None:
         # the model's own state is near its minimum; the usual start need not lie in the same valley
-        found = min(found, fit(problem, m, own, environment, free, belief), key=_cost)
+        both = [found, fit(problem, m, own, environment, free, belief)]
+        found = both[int(np.argmin(costs_alike(both, m)))]
     found, rival = best_of_rivals(problem, m, found, environment, belief)
     told = estimate_of(NAME, problem, first, found, environment, time.process_time() - begun, rival)
     if told.converged and told.observable:
@@ -80,7 +81,3 @@ def _state_of_model(state: BatchState, model: Model | None, problem: Problem) ->
         return None
     q0 = state.q0 if model.attitude is None or not problem.has_attitude else model.attitude
     return replace(state, q0=q0, w0=model.rate, inertia=3.0 * project_to_physical(model.inertia))
-
-
-def _cost(found: Fit) -> float:
-    return found.cost if np.isfinite(found.cost) else np.inf
