@@ -42,19 +42,19 @@ def parse(option: str, value: str) -> Pointed:
     file, _, rest = str(value).rpartition(":")
     wanted = 4 if option == "box" else 2
     form = "X0,Y0,X1,Y1" if option == "box" else "X,Y"
-    said = f"--{option} {excerpt(str(value))}"
+    argument = f"--{option} {excerpt(str(value))}"
     try:
         numbers = [float(n) for n in rest.split(",")]
     except ValueError:
         numbers = []
     if len(numbers) != wanted or not np.isfinite(numbers).all():
-        raise InputError(f"{said}: give {form} in pixels of the first image, or FILE:{form}")
+        raise InputError(f"{argument}: give {form} in pixels of the first image, or FILE:{form}")
     if option == "box":
         x, y = sorted(numbers[::2]), sorted(numbers[1::2])
         if x[1] - x[0] < 2 or y[1] - y[0] < 2:
-            raise InputError(f"{said}: an empty rectangle: give two opposite corners, {form}")
+            raise InputError(f"{argument}: an empty rectangle: give two opposite corners, {form}")
         numbers = [x[0], y[0], x[1], y[1]]
-    return Pointed(said, file, tuple(numbers))
+    return Pointed(argument, file, tuple(numbers))
 
 
 def check_early(pointed: Pointed, source: Path) -> None:

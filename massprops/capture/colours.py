@@ -82,13 +82,13 @@ def colour_cells(image: np.ndarray) -> np.ndarray:
 def _frequencies(cells: list[np.ndarray], inside: list[np.ndarray]) -> np.ndarray:
     from scipy.ndimage import gaussian_filter
 
-    own = np.zeros(BINS**3)
+    of_object = np.zeros(BINS**3)
     other = np.zeros(BINS**3)
     for cell, mask in zip(cells, inside, strict=True):
-        own += np.bincount(cell[mask], minlength=BINS**3)
+        of_object += np.bincount(cell[mask], minlength=BINS**3)
         other += np.bincount(cell[~mask], minlength=BINS**3)
     # neighbouring cells share what they know: a colour seen once is not proof
-    smooth = [gaussian_filter(h.reshape((BINS,) * 3), 0.7).ravel() for h in (own, other)]
+    smooth = [gaussian_filter(h.reshape((BINS,) * 3), 0.7).ravel() for h in (of_object, other)]
     return (smooth[0] / (smooth[0] + smooth[1] + 1e-3)).astype(np.float32)
 
 

@@ -57,8 +57,8 @@ class PlacementEvidence:
 def evidence_of(seen: Looked) -> PlacementEvidence:
     """What the images show beside a measured shape."""
     picture = wide_picture(seen)
-    said = learned(seen, (picture,))
-    odds = [said.log_odds(seen.views, i, seen.image(i)) for i in range(len(seen.views))]
+    support_evidence = learned(seen, (picture,))
+    odds = [support_evidence.log_odds(seen.views, i, seen.image(i)) for i in range(len(seen.views))]
     return PlacementEvidence(
         seen, picture, _stacked([o for o in odds if o is not None], 0.0), _stacked(seen.drawn, False)
     )
@@ -110,12 +110,12 @@ def missing_parts(
     out = []
     for k, box in enumerate(find_objects(piece), 1):
         if count[k] >= LEAST_CUBES and touch[k]:
-            own, said = piece[box] == k, halves[(slice(None), *box)] > 0
+            in_piece, voted = piece[box] == k, halves[(slice(None), *box)] > 0
             here = lattice.part(box)
             gain = np.zeros(len(evidence.views))
             for i in range(len(gain)):
-                gain[i] = _gain(evidence, i, here, own & said[1 - i % 2])
-            vertices, faces = boundary_of(here.origin, here.steps, own)
+                gain[i] = _gain(evidence, i, here, in_piece & voted[1 - i % 2])
+            vertices, faces = boundary_of(here.origin, here.steps, in_piece)
             # features are looked for on it, and cubes face along their axes only
             out.append(Part(fair(vertices, faces, np.zeros(len(vertices), bool), FAIR), faces, gain))
     return out

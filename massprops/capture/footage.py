@@ -194,16 +194,20 @@ def _one_camera(source: Source, images: tuple[tuple[int, Path], ...] | None = No
         images: its clocks and files where the sequence lists them.
     """
     clock = {file: t for t, file in images} if images else None
-    own = [s for s in source.images if source.cameras[s.camera].size == source.cameras[0].size and s.turn % 2 == 0]
-    own = [replace(s, camera=0, turn=0) for s in own if clock is None or s.path in clock]
+    camera_images = [
+        s for s in source.images if source.cameras[s.camera].size == source.cameras[0].size and s.turn % 2 == 0
+    ]
+    camera_images = [replace(s, camera=0, turn=0) for s in camera_images if clock is None or s.path in clock]
     if clock is not None:
-        own = sorted((replace(s, timestamp_ns=clock[s.path]) for s in own), key=lambda s: s.timestamp_ns)
-    kept = {s.path for s in own}
+        camera_images = sorted(
+            (replace(s, timestamp_ns=clock[s.path]) for s in camera_images), key=lambda s: s.timestamp_ns
+        )
+    kept = {s.path for s in camera_images}
     odd = [(s.path.name, "another size than the rest of its camera") for s in source.images if s.path not in kept]
     left_out = (*source.left_out, *odd)
-    refuse_few(source.images[0].path.parent.name, len(own), left_out)
-    camera = replace(source.cameras[0], images=len(own))
-    return replace(source, kind="sequence", images=tuple(own), cameras=(camera,), left_out=left_out)
+    refuse_few(source.images[0].path.parent.name, len(camera_images), left_out)
+    camera = replace(source.cameras[0], images=len(camera_images))
+    return replace(source, kind="sequence", images=tuple(camera_images), cameras=(camera,), left_out=left_out)
 
 
 def _sequence_sources(path: Path) -> list[Source]:

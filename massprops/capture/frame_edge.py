@@ -16,9 +16,9 @@ def cut_off(mask: np.ndarray) -> bool:
     Args:
         mask: (h, w) uint8, 255 the object.
     """
-    own = mask == 255
-    if not own.any():
+    on_object = mask == 255
+    if not on_object.any():
         return False
     covered = sum(int(side.any(axis).sum()) for side, axis in (
-        (own[:RING], 0), (own[-RING:], 0), (own[:, :RING], 1), (own[:, -RING:], 1)))  # fmt: skip
-    return covered > max(3.0, LEAST * float(np.sqrt(4 / np.pi * np.count_nonzero(own))))
+        (on_object[:RING], 0), (on_object[-RING:], 0), (on_object[:, :RING], 1), (on_object[:, -RING:], 1)))  # fmt: skip
+    return covered > max(3.0, LEAST * float(np.sqrt(4 / np.pi * np.count_nonzero(on_object))))

@@ -223,10 +223,10 @@ def refine(image: np.ndarray, known: Trimap) -> np.ndarray:
 
     evidence = None if known.evidence is None else cv2.resize(known.evidence[part], size, interpolation=cv2.INTER_AREA)
     reduced_known = Trimap(reduced(drawn), reduced(surely), reduced(away), reduced(known.hidden), evidence)
-    found = _cut(small, reduced_known).astype(np.float32)
+    silhouette = _cut(small, reduced_known).astype(np.float32)
     out = np.zeros(drawn.shape, bool)
     back = (crop.shape[1], crop.shape[0])
-    out[part] = cv2.resize(found, back, interpolation=cv2.INTER_LINEAR) > 0.5
+    out[part] = cv2.resize(silhouette, back, interpolation=cv2.INTER_LINEAR) > 0.5
     return _held(out, surely)
 
 
@@ -238,10 +238,10 @@ def shows_object_colours(image: np.ndarray, painted: Paint, evidence: np.ndarray
     """
     import cv2
 
-    own = (painted.share[colour_cells(image)] > 0.5) & (evidence >= 0.0)
+    object_like = (painted.share[colour_cells(image)] > 0.5) & (evidence >= 0.0)
     side = 2 * LEAST_BAND + 1
     # specks of noise have any colour
-    return cv2.morphologyEx(own.astype(np.uint8), cv2.MORPH_OPEN, np.ones((side, side), np.uint8)) > 0
+    return cv2.morphologyEx(object_like.astype(np.uint8), cv2.MORPH_OPEN, np.ones((side, side), np.uint8)) > 0
 
 
 @dataclass(frozen=True)
@@ -312,10 +312,10 @@ def _cut(image: np.ndarray, known: Trimap) -> np.ndarray:
     across, down = _edges(image)
     odds = _log_odds(cells, surely, away)
     surely = surely & (odds > -OTHERS)
-    found = drawn
+    on_object = drawn
     for k in range(ROUNDS):
         if k:
-            odds = _log_odds(cells, found, ~found)
+            odds = _log_odds(cells, on_object, ~on_object)
         weight = prior + COLOUR * odds
         if known.evidence is not None:
             weight = weight + known.evidence
@@ -326,8 +326,8 @@ def _cut(image: np.ndarray, known: Trimap) -> np.ndarray:
             graph.add_grid_edges(nodes, pair, structure=np.array(structure), symmetric=True)
         graph.add_grid_tedges(nodes, np.maximum(weight, 0), np.maximum(-weight, 0))
         graph.maxflow()
-        found = ~graph.get_grid_segments(nodes)
-    return found
+        on_object = ~graph.get_grid_segments(nodes)
+    return on_object
 
 
 def _log_odds(cells: np.ndarray, own: np.ndarray, other: np.ndarray) -> np.ndarray:

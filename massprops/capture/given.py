@@ -37,8 +37,8 @@ class GivenMasks:
             stored: its name in a run, `camN/NAME`.
             name: its file's name.
         """
-        stream, own = stored.split("/", 1)
-        names = [f"{n}.png" for n in (name, own, str(Path(name).with_suffix("")), Path(own).stem)]
+        stream, image_name = stored.split("/", 1)
+        names = [f"{n}.png" for n in (name, image_name, str(Path(name).with_suffix("")), Path(image_name).stem)]
         for candidate in (c for n in names for c in (n, f"{stream}/{n}")):
             if (file := self._files.get(_same(candidate))) is not None:
                 return file
@@ -52,15 +52,15 @@ class GivenMasks:
         Raises:
             InputError: masks are missing.
         """
-        found = [self.find(*pair) for pair in names]
-        missing = [name for (_, name), path in zip(names, found, strict=True) if path is None]
+        mask_paths = [self.find(*pair) for pair in names]
+        missing = [name for (_, name), path in zip(names, mask_paths, strict=True) if path is None]
         if missing:
             some = ", ".join(printable(n) for n in missing[:3]) + (", ..." if len(missing) > 3 else "")
             raise InputError(
                 f"{self.folder}: no mask for {len(missing)} of {len(names)} images ({some}); expected names like "
                 f"{printable(names[0][1])}.png: add them, take those images away, or leave --masks out"
             )
-        return [path for path in found if path is not None]
+        return [path for path in mask_paths if path is not None]
 
 
 def _same(name: str) -> str:

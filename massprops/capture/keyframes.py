@@ -64,8 +64,8 @@ def view_motion(before: np.ndarray, after: np.ndarray) -> float:
     diagonal = float(np.hypot(*before.shape))
     corners = cv2.goodFeaturesToTrack(before, 200, 0.01, 5)
     if corners is not None and len(corners) >= 8:
-        moved, found, _ = cv2.calcOpticalFlowPyrLK(before, after, corners, None, winSize=(15, 15), maxLevel=4)
-        step = np.linalg.norm((moved - corners).reshape(-1, 2), axis=1)[found.ravel() == 1]
+        moved, tracked, _ = cv2.calcOpticalFlowPyrLK(before, after, corners, None, winSize=(15, 15), maxLevel=4)
+        step = np.linalg.norm((moved - corners).reshape(-1, 2), axis=1)[tracked.ravel() == 1]
         if len(step) >= 0.3 * len(corners):
             return float(np.percentile(step, 75)) / diagonal
     changed = np.mean(cv2.absdiff(before, after) > 12)

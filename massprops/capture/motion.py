@@ -48,8 +48,8 @@ def judge(frames: np.ndarray, ordered: bool, place: np.ndarray | None = None) ->
         return Scene("tumbling", "black", f"{100 * dark:.0f} % of the image's border is black sky", True)
     beside = black_beside_bright(values)
     if beside is not None:
-        said = f"{100 * beside:.0f} % of the image's border is black sky, and the rest is bright throughout"
-        return Scene("tumbling", "black", said, True)
+        reason = f"{100 * beside:.0f} % of the image's border is black sky, and the rest is bright throughout"
+        return Scene("tumbling", "black", reason, True)
     texture = float(np.mean(_gradient(frames)[:, border] > 4.0))
     plain = texture < 0.05
     still = float(np.mean(change < 4.0))

@@ -120,17 +120,17 @@ def visibility(colour: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.nd
     level = np.where(there[..., None], colour.astype(np.float32), np.nan)
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
-        own = nanmedian(level, axis=0)
+        point_colour = nanmedian(level, axis=0)
         for _ in range(2):
-            gain = np.nanmedian(level / np.maximum(own, 1.0), axis=1)
+            gain = np.nanmedian(level / np.maximum(point_colour, 1.0), axis=1)
             gain = np.clip(np.where(np.isfinite(gain), gain, 1.0), 0.4, 2.5)
-            own = nanmedian(level / gain[:, None], axis=0)
-        off = np.abs(level / gain[:, None] - own).max(axis=2)
+            point_colour = nanmedian(level / gain[:, None], axis=0)
+        off = np.abs(level / gain[:, None] - point_colour).max(axis=2)
         scatter = MAD_TO_SIGMA * nanmedian(off, axis=0)
     known = there & (there.sum(0) >= LEAST_SEEN) & (scatter < UNSTEADY)
     shows = known & (off < np.maximum(SHOWS * scatter, LEAST_SHOWS))
     hides = known & (off > np.maximum(HIDES * scatter, LEAST_HIDES))
-    return shows.astype(np.int8) - hides.astype(np.int8), own
+    return shows.astype(np.int8) - hides.astype(np.int8), point_colour
 
 
 def continued(xyz: np.ndarray, own: np.ndarray, sure: np.ndarray) -> np.ndarray:
@@ -164,9 +164,9 @@ def occlusion_maps(
     """
     import cv2
 
-    seen, own = visibility(*sampled(views, image, xyz))
-    kept = continued(xyz, own, np.ones(len(xyz), bool) if sure is None else sure)
-    xyz, seen, own = xyz[kept], seen[:, kept], own[kept]
+    seen, point_colour = visibility(*sampled(views, image, xyz))
+    kept = continued(xyz, point_colour, np.ones(len(xyz), bool) if sure is None else sure)
+    xyz, seen, point_colour = xyz[kept], seen[:, kept], point_colour[kept]
     states, cells = [], []
     for i in range(len(views)):
         w, h = views.size[i]
@@ -183,7 +183,7 @@ def occlusion_maps(
         states.append(np.where(known, np.where(count[0] >= count[1], 1, -1), 0).astype(np.int8))
         cells.append(cell)
     known = (seen != 0).any(0)
-    return Occlusion(states, np.array(cells), xyz[known], np.clip(own[known], 0, 255).astype(np.uint8))
+    return Occlusion(states, np.array(cells), xyz[known], np.clip(point_colour[known], 0, 255).astype(np.uint8))
 
 
 def with_still(maps: Occlusion, still: list[np.ndarray]) -> Occlusion:
@@ -280,9 +280,9 @@ def explained(grid: Voxels, maps: Occlusion, solid: np.ndarray, member: np.ndarr
         cells = maps.state[i].size
         state = maps.state[i].ravel()
         reach, drawn = np.zeros(cells, bool), np.zeros(cells, bool)
-        own = grid.cell[i]
-        reach[own[own >= 0]] = True
-        inside = own[solid & (own >= 0)]
+        cell_of_voxel = grid.cell[i]
+        reach[cell_of_voxel[cell_of_voxel >= 0]] = True
+        inside = cell_of_voxel[solid & (cell_of_voxel >= 0)]
         drawn[inside] = True
         hidden = reach & (state == -1)
         union = np.count_nonzero(hidden | (drawn & (state != 0)))

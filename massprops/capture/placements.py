@@ -105,9 +105,9 @@ def divide(shared: np.ndarray, direction: np.ndarray) -> np.ndarray:
 
 def _settled(label: np.ndarray, shared: np.ndarray) -> np.ndarray:
     """Each image with the placement that it shares most features with; -1 where it shares none with any."""
-    own = shared * ~np.eye(len(shared), dtype=bool)
+    shared_with_others = shared * ~np.eye(len(shared), dtype=bool)
     for _ in range(5):
-        total = np.stack([own[:, label == k].sum(1) for k in range(label.max() + 1)], axis=1)
+        total = np.stack([shared_with_others[:, label == k].sum(1) for k in range(label.max() + 1)], axis=1)
         new = np.where(total.max(1) < LEAST_SHARED, -1, np.argmax(total, axis=1))
         if np.array_equal(new, label):
             break
@@ -277,9 +277,12 @@ def divide_at_pauses(shared: np.ndarray, direction: np.ndarray, timestamp_ns: np
     for cut, end in pairwise([*cuts, n]):
         before, after = np.arange(first, cut), np.arange(cut, end)
         label[after] = label[cut - 1]
-        own = min(_mean_shared(shared, like, side, side) for side in (before, after))
+        mean_within = min(_mean_shared(shared, like, side, side) for side in (before, after))
         pairs = int(like[np.ix_(before, after)].sum())
-        if own * pairs >= LEAST_SHARED * LEAST_PAIRS and _mean_shared(shared, like, before, after) < FEW * own:
+        if (
+            mean_within * pairs >= LEAST_SHARED * LEAST_PAIRS
+            and _mean_shared(shared, like, before, after) < FEW * mean_within
+        ):
             label[after] += 1
             first = cut
     return _largest_first(label)
@@ -322,8 +325,8 @@ def _halves(shared: np.ndarray, direction: np.ndarray) -> np.ndarray | None:
     # all images have their part in it
     weight = np.sqrt(np.abs(affinity).sum(1))
     equal = affinity / np.maximum(np.outer(weight, weight), 1e-12)
-    found = (_sides(a, shared) for a in (affinity, equal))
-    return next((side for side in found if _is_division(side, shared, angle, like)), None)
+    divisions = (_sides(a, shared) for a in (affinity, equal))
+    return next((side for side in divisions if _is_division(side, shared, angle, like)), None)
 
 
 def _is_division(side: np.ndarray, shared: np.ndarray, angle: np.ndarray, like: np.ndarray) -> bool:
@@ -414,8 +417,8 @@ def given_placements(footage: dict[str, Any], names: Sequence[str]) -> Placement
     of = {f["name"]: f["placement"] for f in footage["frames"] if "placement" in f}
     if not of:
         return None
-    own = np.array([of[name] for name in names], int)
-    return Placements(_largest_first(own), np.zeros(len(own), int))
+    placement_of_view = np.array([of[name] for name in names], int)
+    return Placements(_largest_first(placement_of_view), np.zeros(len(placement_of_view), int))
 
 
 def find_placements(

@@ -63,16 +63,16 @@ def _outlines(piece: np.ndarray, uv: np.ndarray, at: Located) -> list[int]:
     """Pieces within whose convex outline the pixel lies: glossy and plain sides have no points of their own."""
     import cv2
 
-    found = []
+    enclosing_pieces = []
     for k in np.unique(piece[piece > 0]):
-        own = uv[piece == k]
-        own = own[np.isfinite(own).all(1)]
-        if len(own) < 20:
+        piece_pixels = uv[piece == k]
+        piece_pixels = piece_pixels[np.isfinite(piece_pixels).all(1)]
+        if len(piece_pixels) < 20:
             continue
-        outline = cv2.convexHull(own.astype(np.float32))
+        outline = cv2.convexHull(piece_pixels.astype(np.float32))
         if cv2.pointPolygonTest(outline, tuple(float(v) for v in at.uv[0]), False) >= 0:
-            found.append(int(k))
-    return found
+            enclosing_pieces.append(int(k))
+    return enclosing_pieces
 
 
 def _in_box(scene: Scene, piece: np.ndarray, at: Located) -> np.ndarray:

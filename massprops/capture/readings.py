@@ -181,10 +181,10 @@ def _with_stand(scene: Scene, whole: OnSupport, top: Top, pointed: Sequence[Loca
 
 def _rivals(scene: Scene, found: OnSupport, piece: np.ndarray, weight: np.ndarray) -> list[Reading]:
     """The object and other pieces of like size and place; none where it is alone."""
-    own = np.bincount(piece[found.member & (piece > 0)], minlength=len(weight))
-    if not own.any():
+    count_of_piece = np.bincount(piece[found.member & (piece > 0)], minlength=len(weight))
+    if not count_of_piece.any():
         return []
-    first = int(own.argmax())
+    first = int(count_of_piece.argmax())
     out = [Reading("the thing most in the middle", found.member, found.plane, "--object X,Y with a pixel of it")]
     size = _extent(scene.xyz[piece == first], found.plane)
     for k in np.argsort(-weight, kind="stable"):
@@ -248,8 +248,8 @@ def best_view(reading: Reading, scene: Scene) -> int:
     shown = []
     for i in range(len(scene.views)):
         uv, _ = seen_in(scene, i)
-        own = uv[reading.member]
-        shown.append(round(float(((own > 0) & (own < scene.views.size[i] - 1)).all(1).mean()), 2))
+        member_pixels = uv[reading.member]
+        shown.append(round(float(((member_pixels > 0) & (member_pixels < scene.views.size[i] - 1)).all(1).mean()), 2))
     return int(np.argmax(shown))
 
 

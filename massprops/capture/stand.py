@@ -99,7 +99,7 @@ def stand_top(scene: Scene, member: np.ndarray, plane: np.ndarray | None, seed: 
     if len(facing) < 200:
         return None
     radius = 0.5 * float(np.linalg.norm(np.ptp(scene.xyz[members], axis=0)))
-    found = []
+    tops = []
     for top in planes(scene.xyz[facing], scene.normal[facing], min(scene.region.radius, 2 * radius), seed):
         rise = scene.xyz[members] @ top[:3] + top[3]
         step = max(2 * TOLERANCE * scene.region.radius, 2 * scene.pixel)
@@ -121,8 +121,8 @@ def stand_top(scene: Scene, member: np.ndarray, plane: np.ndarray | None, seed: 
             share = float(np.median(height[near]) / np.percentile(height, HIGHEST))
             narrow = _is_narrow(scene, members, rise, step, top)
             # the foot of a figure is a moulding too, and hides no stand below it
-            found.append((not alike, not narrow, worth, Top(top, alike, narrow, share)))
-    return max(found, key=lambda f: f[:3])[3] if found else None
+            tops.append((not alike, not narrow, worth, Top(top, alike, narrow, share)))
+    return max(tops, key=lambda f: f[:3])[3] if tops else None
 
 
 def _slopes(rise: np.ndarray, height: np.ndarray, parallel: float) -> bool:
@@ -148,7 +148,7 @@ def turning_plate(scene: Scene, seed: int = 0) -> Top | None:
     """
     few = thin_cells(scene.xyz, scene.region.radius / 150)
     everyone = np.ones(len(scene.xyz), bool)
-    found = []
+    tops = []
     for plane in planes(scene.xyz[few], scene.normal[few], scene.region.radius, seed):
         if np.mean(scene.views.centres @ plane[:3] + plane[3] > 0) < CAMERAS_ABOVE:
             continue
@@ -157,8 +157,8 @@ def turning_plate(scene: Scene, seed: int = 0) -> Top | None:
         top = stand_top(scene, everyone, foot, seed)
         if top is not None and not top.alike:
             return top
-        found.append(top)
-    return next((top for top in found if top is not None), None)
+        tops.append(top)
+    return next((top for top in tops if top is not None), None)
 
 
 def _carried(scene: Scene, own: np.ndarray, rise: np.ndarray, step: float, top: np.ndarray) -> bool:
@@ -222,8 +222,8 @@ def _dense(flat: np.ndarray, size: float) -> np.ndarray:
     """Those of the points (k, 2) that lie in cells of a grid of `size` with many others."""
     cell = np.floor(flat / size).astype(np.int64)
     _, which, count = np.unique(cell, axis=0, return_inverse=True, return_counts=True)
-    own = count[which.ravel()]
-    return flat[own >= STRAY * np.median(own)]
+    count_in_cell = count[which.ravel()]
+    return flat[count_in_cell >= STRAY * np.median(count_in_cell)]
 
 
 def _is_ledge(scene: Scene, level: np.ndarray, plane: np.ndarray) -> bool:

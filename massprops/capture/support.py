@@ -64,10 +64,10 @@ def planes(xyz: np.ndarray, normal: np.ndarray, radius: float, seed: int) -> lis
     """
     rng = np.random.default_rng([seed, 21])
     tolerance = TOLERANCE * radius
-    left = np.ones(len(xyz), bool)
-    found: list[np.ndarray] = []
+    remaining = np.ones(len(xyz), bool)
+    largest_planes: list[np.ndarray] = []
     for _ in range(MOST_PLANES):
-        index = np.flatnonzero(left)
+        index = np.flatnonzero(remaining)
         if len(index) < max(50, 0.02 * len(xyz)):
             break
         some = rng.choice(index, min(SAMPLE, len(index)), replace=False)
@@ -83,9 +83,9 @@ def planes(xyz: np.ndarray, normal: np.ndarray, radius: float, seed: int) -> lis
             break
         for _ in range(3):
             best = fitted(xyz[index[on_plane(xyz[index], normal[index], best, tolerance)]], best[:3])
-        found.append(best)
-        left[np.abs(xyz @ best[:3] + best[3]) < 2 * tolerance] = False
-    return found
+        largest_planes.append(best)
+        remaining[np.abs(xyz @ best[:3] + best[3]) < 2 * tolerance] = False
+    return largest_planes
 
 
 def on_plane(xyz: np.ndarray, normal: np.ndarray, plane: np.ndarray, tolerance: float) -> np.ndarray:
@@ -212,8 +212,8 @@ def _risen(xyz: np.ndarray, normal: np.ndarray, plane: np.ndarray | None, region
 def least_rise(xyz: np.ndarray, normal: np.ndarray, plane: np.ndarray, region: Region, pixel: float) -> float:
     """Height above a support up to which its own points scatter. Arguments as for `split`."""
     height = xyz @ plane[:3] + plane[3]
-    own = height[on_plane(xyz, normal, plane, TOLERANCE * region.radius)]
-    scatter = mad_sigma(own - np.median(own)) if len(own) else 0.0
+    support_height = height[on_plane(xyz, normal, plane, TOLERANCE * region.radius)]
+    scatter = mad_sigma(support_height - np.median(support_height)) if len(support_height) else 0.0
     return max(3 * scatter, 1.5 * pixel)
 
 
@@ -274,11 +274,11 @@ def _pieces(xyz: np.ndarray, candidate: np.ndarray, region: Region, axis: np.nda
     piece, number = label(count >= 2, generate_binary_structure(3, 3))
     if number == 0:
         return out
-    own = piece[tuple(cell.T)]
-    total = np.bincount(own, _middling(xyz[index], region, axis), number + 1)
+    piece_of_point = piece[tuple(cell.T)]
+    total = np.bincount(piece_of_point, _middling(xyz[index], region, axis), number + 1)
     total[0] = 0.0
     best = int(np.argmax(total))
-    out[index] = np.where(own == best, 1, np.where(own == 0, 0, own + 1))
+    out[index] = np.where(piece_of_point == best, 1, np.where(piece_of_point == 0, 0, piece_of_point + 1))
     return out
 
 

@@ -105,8 +105,8 @@ class SupportEvidence:
             return None
         place = self.names.index(views.names[i])
         small = reduced(views.take(np.array([i])))
-        own = [p.of_image(place) for p in self.pictures]
-        off, scatter = off_of(own, small, 0, reduced_image(image, small, 0))
+        pictures = [p.of_image(place) for p in self.pictures]
+        off, scatter = off_of(pictures, small, 0, reduced_image(image, small, 0))
         odds = np.where(dots(self.standing, small, 0), 0.0, self.evidence.of(off, scatter)).astype(np.float32)
         odds = cv2.blur(odds, (3, 3))
         h, w = image.shape[:2]

@@ -187,14 +187,14 @@ def _lights(level: np.ndarray, seen: np.ndarray, colour: np.ndarray, scatter: np
     """(n, 6, 3) light of each image, fitted to the places that it shows as the picture has them."""
     n, count = len(level), colour.shape[0]
     terms, out = _terms(count).reshape(-1, 6), np.zeros((n, 6, 3))
-    own, noise = colour.reshape(-1, 3), scatter.ravel()
+    colour_of_place, noise = colour.reshape(-1, 3), scatter.ravel()
     for i in range(n):
-        there = np.flatnonzero(seen[i].ravel() & np.isfinite(own[:, 0]))
+        there = np.flatnonzero(seen[i].ravel() & np.isfinite(colour_of_place[:, 0]))
         there = there[:: max(1, len(there) // SAMPLE)]
         if len(there) < 100:
             continue
-        ratio = np.log(np.maximum(level[i].reshape(-1, 3)[there], 4.0) / np.maximum(own[there], 4.0))
-        ratio_noise = np.maximum(noise[there], LEAST_SCATTER) / np.maximum(own[there].mean(1), 4.0)
+        ratio = np.log(np.maximum(level[i].reshape(-1, 3)[there], 4.0) / np.maximum(colour_of_place[there], 4.0))
+        ratio_noise = np.maximum(noise[there], LEAST_SCATTER) / np.maximum(colour_of_place[there].mean(1), 4.0)
         middle = np.median(ratio, axis=0)
         calm = np.abs(ratio - middle).max(1) < 3.0 * np.median(np.abs(ratio - middle).max(1)) + 0.02
         fit = np.zeros((6, 3))
