@@ -81,13 +81,13 @@ def images_alike(
     same = np.bincount(view, symmetry.alike[which], minlength=len(views))
     by_paint = (shown >= FEWEST) & (same >= (1.0 - TOLD) * shown)
     vertices, faces = mesh
-    own = agreement(vertices, faces, views, masks)
-    scatter = max(LEAST_SCATTER, MAD_TO_SIGMA * float(np.nanmedian(np.abs(own - np.nanmedian(own)))))
+    unturned = agreement(vertices, faces, views, masks)
+    scatter = max(LEAST_SCATTER, MAD_TO_SIGMA * float(np.nanmedian(np.abs(unturned - np.nanmedian(unturned)))))
     out = np.zeros(len(views), bool)
     rows = np.flatnonzero(by_paint)
     for R, t in symmetry.turns():
         there = agreement(vertices @ R.T + t, faces, views.take(rows), [masks[i] for i in rows])
-        out[rows] |= there > own[rows] - scatter
+        out[rows] |= there > unturned[rows] - scatter
     return out
 
 

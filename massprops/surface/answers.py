@@ -106,9 +106,9 @@ class PlacementPair:
         turns = Rotation.random(TRIED, rng=self.rng).as_matrix()
         shifts, scores = self.shifts(turns, few)
         order = np.argsort(scores, kind="stable")
-        found = [few.fitted(turns[k], shifts[k], middle) for k in order[:FITTED]]
+        fitted_poses = [few.fitted(turns[k], shifts[k], middle) for k in order[:FITTED]]
         kept: list[Answer] = []
-        for a in sorted((Answer(R, t, few.score(R, t)) for R, t in found), key=lambda a: a.outside):
+        for a in sorted((Answer(R, t, few.score(R, t)) for R, t in fitted_poses), key=lambda a: a.outside):
             if all(a.away(b) > ALIKE_DEG for b in kept):
                 kept.append(a)
         return sorted((self.refined(a) for a in kept[:KEPT]), key=lambda a: a.outside)
@@ -155,9 +155,9 @@ class PlacementPair:
         """The answer with the paint's correlation between each placement's points and the other's photographs of them."""
         back = answer.R.T
         ways = ((self.first, self.second, back, -back @ answer.t), (self.second, self.first, answer.R, answer.t))
-        found = [paint_shown(a, b, R, t, self.rng) for a, b, R, t in ways]
-        seen = sum(n for n, _ in found)
-        return replace(answer, colour=sum(n * c for n, c in found) / seen if seen else 0.0)
+        correlations = [paint_shown(a, b, R, t, self.rng) for a, b, R, t in ways]
+        seen = sum(n for n, _ in correlations)
+        return replace(answer, colour=sum(n * c for n, c in correlations) / seen if seen else 0.0)
 
     def covariance(self, answer: Answer) -> np.ndarray:
         """(6, 6) of a small turn about the second placement's middle and of a shift, from how far the outlines let it move."""

@@ -40,6 +40,6 @@ def behind_fill(
     free = ~within(middle, vertices, walls, wall if wall > RESOLVED * spacing else noise)
     loose[tuple(index.T)] = free
     piece, _ = label(loose)
-    own = piece[tuple(index.T)]
-    mouth = np.unique(own[free & within(middle, vertices, faces[~known], 2.0 * float(grid.step.max()))])
+    piece_of_cell = piece[tuple(index.T)]
+    mouth = np.unique(piece_of_cell[free & within(middle, vertices, faces[~known], 2.0 * float(grid.step.max()))])
     return integrals_of(np.argwhere(np.isin(piece, mouth[mouth > 0])), grid)

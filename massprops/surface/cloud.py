@@ -212,15 +212,15 @@ def project_to_cloud(
     for start in range(0, len(xyz), 8192):
         part = slice(start, start + 8192)
         _, index = tree.query(xyz[part], k=k, distance_upper_bound=radius)
-        found = index < len(cloud)
-        index = np.where(found, index, 0)
+        has_neighbour = index < len(cloud)
+        index = np.where(has_neighbour, index, 0)
         n = normal[part]
         helper = np.where(np.abs(n[:, :1]) < 0.7, [[1.0, 0, 0]], [[0, 1.0, 0]])
         u = unit(np.cross(n, helper))
         v = np.cross(n, u)
         step = cloud.xyz[index] - xyz[part][:, None]
         facing = np.einsum("mki,mi->mk", cloud.normal[index], n)
-        good = found & (facing > 0.5)
+        good = has_neighbour & (facing > 0.5)
         a, b, c = (np.einsum("mki,mi->mk", step, d) for d in (u, v, n))
         weight = np.where(good, (1 - np.minimum((a * a + b * b) / radius**2, 1)) ** 2, 0.0)
         weight = weight / cloud.sigma[index] ** 2 * np.median(cloud.sigma) ** 2

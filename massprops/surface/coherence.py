@@ -182,11 +182,11 @@ class Pair:
             new = moved(R, t, R @ middle + t, away)
             return self.score(*new), new
 
-        for found in descend(
+        for descent in descend(
             (R, t), linearise, step, rounds, Damping(1e-2, lowered=3.0, raised=5.0, least=0.0, tries=5)
         ):
-            R, t = found.place
-            if found.fall < ENOUGH * (found.cost + found.fall):
+            R, t = descent.place
+            if descent.fall < ENOUGH * (descent.cost + descent.fall):
                 break
         return R, t
 
@@ -231,16 +231,16 @@ def _left_room(hull: Hull, low: np.ndarray, high: np.ndarray, beyond: float) -> 
     start = low - beyond
     step = float((high - low + 2 * beyond).max()) / COARSE
     piece, _ = label(_on_grid(hull, start, high + beyond, step) < 0, np.ones((3, 3, 3)))
-    own = tuple(
+    shape_box = tuple(
         slice(max(int(a), 0), int(b) + 1)
         for a, b in zip(np.floor((low - start) / step), np.ceil((high - start) / step), strict=True)
     )
-    held = np.unique(piece[own])
+    held = np.unique(piece[shape_box])
     at = np.argwhere(np.isin(piece, held[held > 0]))
     if not len(at):
         return low, high
-    found = start + step * at
-    return np.minimum(low, found.min(0)), np.maximum(high, found.max(0))
+    room_points = start + step * at
+    return np.minimum(low, room_points.min(0)), np.maximum(high, room_points.max(0))
 
 
 def rim_rays(

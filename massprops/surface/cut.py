@@ -99,16 +99,16 @@ def _components(neighbours: np.ndarray, inside: np.ndarray) -> np.ndarray:
         if part[first] >= 0:
             continue
         part[first] = count
-        waiting[0], left = first, 1
-        while left > 0:
-            left -= 1
-            t = waiting[left]
+        waiting[0], waiting_count = first, 1
+        while waiting_count > 0:
+            waiting_count -= 1
+            t = waiting[waiting_count]
             for k in range(4):
                 other = neighbours[t, k]
                 if other >= 0 and part[other] < 0 and inside[other] == inside[t]:
                     part[other] = count
-                    waiting[left] = other
-                    left += 1
+                    waiting[waiting_count] = other
+                    waiting_count += 1
         count += 1
     return part
 
@@ -131,9 +131,9 @@ def _pinched(tetra: Tetrahedra, inside: np.ndarray) -> tuple[np.ndarray, np.ndar
     about, edge = [], []
     for i in range(4) if len(bad) else ():
         for j in range(i + 1, 4):
-            own = _edges(tetra.corners[near, i], tetra.corners[near, j], size)
-            place = np.minimum(np.searchsorted(bad, own), len(bad) - 1)
-            here = np.flatnonzero(bad[place] == own)
+            edge_codes = _edges(tetra.corners[near, i], tetra.corners[near, j], size)
+            place = np.minimum(np.searchsorted(bad, edge_codes), len(bad) - 1)
+            here = np.flatnonzero(bad[place] == edge_codes)
             about.append(near[here])
             edge.append(place[here])
     none = np.zeros(0, int)

@@ -86,21 +86,21 @@ def offsets(
     thin = thickness(mesh, np.arange(len(mesh[1]))) < THIN * pixel
     edges = _edges(mesh, thin, views, grey, support, pixel)
     vertices, normal = mesh[0], vertex_normals(*mesh)
-    own = np.unique(mesh[1][thin])
-    own = own[spread_out(vertices[own], APART * pixel)]
-    if not len(own) or len(edges.face) < 2 * LEAST_NEAR:
+    thin_vertices = np.unique(mesh[1][thin])
+    thin_vertices = thin_vertices[spread_out(vertices[thin_vertices], APART * pixel)]
+    if not len(thin_vertices) or len(edges.face) < 2 * LEAST_NEAR:
         return none
     where = np.column_stack(
         [vertices[mesh[1][edges.face]].mean(axis=1) / pixel, NEAR * face_normals(*mesh)[edges.face]]
     )
-    feature = np.column_stack([vertices[own] / pixel, NEAR * normal[own]])
+    feature = np.column_stack([vertices[thin_vertices] / pixel, NEAR * normal[thin_vertices]])
     over = averaging(feature, SPREAD)
     halves = [over @ _about(feature, where[m], edges.change[m]) for m in (edges.view % 2 == half for half in (0, 1))]
     first, second, both = (outermost(c) for c in (*halves, halves[0] + halves[1]))
     told = np.isfinite(first) & np.isfinite(second) & np.isfinite(both)
     if not told.any():
         return none
-    return own[told], pixel * in_common(feature[told], COMMON, first[told], second[told], both[told])
+    return thin_vertices[told], pixel * in_common(feature[told], COMMON, first[told], second[told], both[told])
 
 
 def outermost(change: np.ndarray) -> np.ndarray:

@@ -153,10 +153,10 @@ def away_from_measured(middle: np.ndarray, observed: np.ndarray, normal: np.ndar
     out = np.full(len(hidden), np.inf)
     for axis in np.concatenate([np.eye(3), -np.eye(3)]):
         # a face looks to within 55 degrees of one of the six directions
-        own = np.flatnonzero(normal[hidden] @ axis > np.sqrt(1 / 3) - 1e-9)
+        facing = np.flatnonzero(normal[hidden] @ axis > np.sqrt(1 / 3) - 1e-9)
         there = seen[normal[seen] @ axis > 0.0]
-        if len(own) and len(there):
-            out[own] = np.minimum(out[own], cKDTree(middle[there]).query(middle[hidden[own]])[0])
+        if len(facing) and len(there):
+            out[facing] = np.minimum(out[facing], cKDTree(middle[there]).query(middle[hidden[facing]])[0])
     nearest = cKDTree(middle[seen]).query(middle[hidden])[0]
     return np.where(np.isfinite(out), out, nearest)
 

@@ -129,13 +129,13 @@ def balanced(
     """
     prior = -0.5 * ((SHARES - usual) / usual) ** 2
     log = {pull: np.logaddexp.reduce(log_evidence(way, balance, shift), axis=1) + prior for pull, way in ways.items()}
-    total = {pull: np.logaddexp.reduce(own) for pull, own in log.items()}
+    total = {pull: np.logaddexp.reduce(by_share) for pull, by_share in log.items()}
     whole = np.logaddexp.reduce(list(total.values()))
-    found = [
-        LikelyFill(pull, round(float(np.exp(own - total[pull]) @ SHARES), 2), float(np.exp(total[pull] - whole)))
-        for pull, own in log.items()
+    fills = [
+        LikelyFill(pull, round(float(np.exp(by_share - total[pull]) @ SHARES), 2), float(np.exp(total[pull] - whole)))
+        for pull, by_share in log.items()
     ]
-    return sorted(found, key=lambda fill: -fill.chance)
+    return sorted(fills, key=lambda fill: -fill.chance)
 
 
 def centre_of(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:

@@ -89,8 +89,8 @@ def flat_sides(thinned: Thinned, hull: Hull, views: Views, seed: int = 0) -> lis
         thinned: measured points; hull: what silhouettes leave; views: that the points were measured in.
         seed: of the places at which sides are looked for.
     """
-    found = _found(thinned, seed)
-    first = [_continued(thinned, hull, views, own, plane) for own, plane in found]
+    flat_parts = _found(thinned, seed)
+    first = [_continued(thinned, hull, views, points, plane) for points, plane in flat_parts]
     first = [side for side in first if side.measured.any()]
     first += [back for side in first for back in _back(side, first, thinned, hull)]
     last = [_until_others(side, first) for side in first]
@@ -157,22 +157,24 @@ def _found(thinned: Thinned, seed: int) -> list[tuple[np.ndarray, Plane]]:
 
     tree, band = cKDTree(thinned.xyz), _band(thinned)
     rng = np.random.default_rng([seed, 29])
-    left = np.ones(len(thinned.xyz), bool)
+    remaining = np.ones(len(thinned.xyz), bool)
     out: list[tuple[np.ndarray, Plane]] = []
-    least = max(2 * NEIGHBOURS, int(SMALLEST * len(left)))
+    least = max(2 * NEIGHBOURS, int(SMALLEST * len(remaining)))
     for _ in range(MOST):
-        if left.sum() < least:
+        if remaining.sum() < least:
             break
-        start = rng.choice(np.flatnonzero(left), TRIES)
+        start = rng.choice(np.flatnonzero(remaining), TRIES)
         near = tree.query(thinned.xyz[start], 2 * NEIGHBOURS)[1]  # of a thin part both sides
         alike = [n[thinned.normal[n] @ thinned.normal[s] > FACING] for s, n in zip(start, near, strict=True)]
-        own, plane = max((_grown(thinned, own, left, band) for own in alike), key=lambda found: len(found[0]))
-        if len(own) < least:
+        points, plane = max(
+            (_grown(thinned, points, remaining, band) for points in alike), key=lambda found: len(found[0])
+        )
+        if len(points) < least:
             break
-        wide = np.flatnonzero(left & _near(thinned, plane, 2 * band))
-        left[wide] = False
-        if len(wide) < ROUND * len(own):
-            out.append((wide, _parallel(thinned, own, plane, [p for _, p in out])))
+        wide = np.flatnonzero(remaining & _near(thinned, plane, 2 * band))
+        remaining[wide] = False
+        if len(wide) < ROUND * len(points):
+            out.append((wide, _parallel(thinned, points, plane, [p for _, p in out])))
     return out
 
 
@@ -335,10 +337,10 @@ def _seen_empty(thinned: Thinned, views: Views, xyz: np.ndarray) -> np.ndarray:
     count = np.zeros(len(xyz), np.int64)
     margin = 3 * thinned.spacing
     for i in range(len(views)):
-        own = (thinned.views == i).any(1)
-        if not own.any():
+        in_view = (thinned.views == i).any(1)
+        if not in_view.any():
             continue
-        pixels, depth = project(thinned.xyz[own], views.K[i], views.R[i], views.t[i])
+        pixels, depth = project(thinned.xyz[in_view], views.K[i], views.R[i], views.t[i])
         block = np.floor(pixels / BLOCK).astype(np.int64)
         low = block.min(0)
         ends = np.full(block.max(0) - low + 1, np.inf)

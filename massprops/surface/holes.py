@@ -85,9 +85,9 @@ def dark_places(body: Surface, views: Views, grey: list[np.ndarray]) -> list[np.
     looked = np.concatenate([some, *places])
     values = _values(body, normal, looked, views, grey)
     brightness, change, shown = _seen(values, len(some))
-    own = shown[: len(some)]
-    measured = brightness[: len(some)][own], change[: len(some)][own]
-    found, begin = [], len(some)
+    measured_shown = shown[: len(some)]
+    measured = brightness[: len(some)][measured_shown], change[: len(some)][measured_shown]
+    dark, begin = [], len(some)
     for place in places:
         part = slice(begin, begin + len(place))
         begin += len(place)
@@ -97,8 +97,8 @@ def dark_places(body: Surface, views: Views, grey: list[np.ndarray]) -> list[np.
         as_dark = float(np.mean(measured[0] <= np.median(brightness[part][good])))
         as_changing = float(np.mean(measured[1] >= np.median(change[part][good])))
         if as_dark < AS_DARK and as_changing < AS_CHANGING and as_dark * as_changing < AS_RARE:
-            found.append(place)
-    return found
+            dark.append(place)
+    return dark
 
 
 def _places(faces: np.ndarray, area: np.ndarray, filled: np.ndarray, least: float) -> list[np.ndarray]:
@@ -106,19 +106,19 @@ def _places(faces: np.ndarray, area: np.ndarray, filled: np.ndarray, least: floa
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
-    own = np.flatnonzero(filled)
-    if not len(own):
+    filled_faces = np.flatnonzero(filled)
+    if not len(filled_faces):
         return []
-    edges = np.sort(np.concatenate([faces[own][:, k] for k in ([0, 1], [1, 2], [2, 0])]), axis=1)
-    which = np.tile(np.arange(len(own)), 3)
+    edges = np.sort(np.concatenate([faces[filled_faces][:, k] for k in ([0, 1], [1, 2], [2, 0])]), axis=1)
+    which = np.tile(np.arange(len(filled_faces)), 3)
     order = np.lexsort(edges.T)
     edges, which = edges[order], which[order]
     same = (edges[1:] == edges[:-1]).all(axis=1)
     pairs = which[:-1][same], which[1:][same]
-    graph = coo_matrix((np.ones(len(pairs[0])), pairs), shape=(len(own), len(own)))
+    graph = coo_matrix((np.ones(len(pairs[0])), pairs), shape=(len(filled_faces), len(filled_faces)))
     _, label = connected_components(graph, directed=False)
-    large = np.flatnonzero(np.bincount(label, area[own]) > least)
-    return [own[label == k] for k in large]
+    large = np.flatnonzero(np.bincount(label, area[filled_faces]) > least)
+    return [filled_faces[label == k] for k in large]
 
 
 def _values(body: Surface, normal: np.ndarray, looked: np.ndarray, views: Views, grey: list[np.ndarray]) -> np.ndarray:
@@ -133,17 +133,17 @@ def _values(body: Surface, normal: np.ndarray, looked: np.ndarray, views: Views,
         depth, _ = rasterise(body.vertices, body.faces, views.K[i], views.R[i], views.t[i], (w, h))
         x = middle @ views.R[i].T + views.t[i]
         along = -np.einsum("ij,ij->i", normal[looked] @ views.R[i].T, x) / np.linalg.norm(x, axis=1)
-        own, rows, columns = pixels_of(middle, views.K[i], views.R[i], views.t[i], image.shape)
-        shown = (along[own] > FACING) & (x[own, 2] < depth[rows, columns] + BEHIND * body.spacing)
-        value[i, own[shown]] = blurred[rows[shown], columns[shown]]
+        in_image, rows, columns = pixels_of(middle, views.K[i], views.R[i], views.t[i], image.shape)
+        shown = (along[in_image] > FACING) & (x[in_image, 2] < depth[rows, columns] + BEHIND * body.spacing)
+        value[i, in_image[shown]] = blurred[rows[shown], columns[shown]]
     return value
 
 
 def _seen(value: np.ndarray, measured: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of the grey levels (n, k) of faces, the first so many of them measured: the median over the views of their brightness,
     over that of the measured ones in each; the standard deviation of its logarithm; whether enough views show them, all (k,)."""
-    own = np.isfinite(value[:, :measured]).any(axis=1)
-    value = value[own] / np.maximum(np.nanmedian(value[own, :measured], axis=1), 1.0)[:, None]
+    usable_views = np.isfinite(value[:, :measured]).any(axis=1)
+    value = value[usable_views] / np.maximum(np.nanmedian(value[usable_views, :measured], axis=1), 1.0)[:, None]
     shown = np.isfinite(value).sum(axis=0) >= FEWEST
     brightness, change = (np.full(value.shape[1], np.nan) for _ in range(2))
     brightness[shown] = np.nanmedian(value[:, shown], axis=0)
@@ -181,17 +181,17 @@ def _below(
     grid, cell, height = layers.grid, layers.cell, layers.height
     ends = np.isin(layers.face, place)
     free = _free_section(layers, ends)
-    own = points @ grid.base.T + [0.0, 0.0, grid.offset]
-    column = np.floor((own[:, :2] - grid.corner[:2]) / grid.step[:2]).astype(int)
+    grid_points = points @ grid.base.T + [0.0, 0.0, grid.offset]
+    column = np.floor((grid_points[:, :2] - grid.corner[:2]) / grid.step[:2]).astype(int)
     flat = column[:, 0] * int(grid.shape[1]) + column[:, 1]
     # the first crossing of each point's column that lies above it
     span = float(np.ptp(height)) * 4.0 + 1.0
     low = float(height.min(initial=0.0))
     key = cell * span + (height - low)
-    after = np.searchsorted(key, flat * span + np.clip(own[:, 2] - low, 0.0, 0.5 * span))
+    after = np.searchsorted(key, flat * span + np.clip(grid_points[:, 2] - low, 0.0, 0.5 * span))
     there = np.minimum(after, max(len(cell) - 1, 0))
-    found = (after < len(cell)) & (cell[there] == flat)
-    return np.asarray(found & (ends[there] | (height[there] <= free[flat])))
+    has_crossing = (after < len(cell)) & (cell[there] == flat)
+    return np.asarray(has_crossing & (ends[there] | (height[there] <= free[flat])))
 
 
 def _free_section(layers: Layers, ends: np.ndarray) -> np.ndarray:

@@ -126,19 +126,19 @@ def wall_thickness(vertices: np.ndarray, faces: np.ndarray) -> float:
     edge = float(np.median(np.linalg.norm(corner[:, 1] - corner[:, 0], axis=1))) * np.sqrt(len(faces) / len(few))
     tree = cKDTree(middle)
     size = float(np.linalg.norm(np.ptp(middle, axis=0)))
-    own = np.arange(0, len(few), max(1, len(few) // 2000))
-    found = np.full(len(own), np.inf)
+    sampled_faces = np.arange(0, len(few), max(1, len(few) // 2000))
+    thickness = np.full(len(sampled_faces), np.inf)
     # along the inward normal in growing steps, until a side that looks elsewhere is met: a wall if it looks back
     depth = 2 * edge
     while depth < size:
-        near, other = tree.query(middle[own] - depth * normal[own])
-        along = np.einsum("ij,ij->i", normal[other], normal[own])
-        met = (along < 0.3) & (near < max(edge, 0.3 * depth)) & np.isinf(found)
-        thick = np.einsum("ij,ij->i", middle[own] - middle[other], normal[own])
-        found[met] = np.where(along < -0.7, thick, np.nan)[met]
+        near, other = tree.query(middle[sampled_faces] - depth * normal[sampled_faces])
+        along = np.einsum("ij,ij->i", normal[other], normal[sampled_faces])
+        met = (along < 0.3) & (near < max(edge, 0.3 * depth)) & np.isinf(thickness)
+        thick = np.einsum("ij,ij->i", middle[sampled_faces] - middle[other], normal[sampled_faces])
+        thickness[met] = np.where(along < -0.7, thick, np.nan)[met]
         depth *= 1.3
-    seen = found[np.isfinite(found) & (found > 0)]
-    return float(np.quantile(seen, WALL)) if len(seen) > LEAST_WALLS * len(own) else 0.0
+    seen = thickness[np.isfinite(thickness) & (thickness > 0)]
+    return float(np.quantile(seen, WALL)) if len(seen) > LEAST_WALLS * len(sampled_faces) else 0.0
 
 
 def grid_of(vertices: np.ndarray, support: np.ndarray) -> tuple[Grid, np.ndarray]:
@@ -226,11 +226,11 @@ def within(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray, sheet: f
     near = some.query(points, eps=ROUGHLY, distance_upper_bound=sheet)[0] < sheet
     rest = points[~near]
     away, nearest = cKDTree(middle).query(rest, distance_upper_bound=sheet + 2 * edge)
-    found = np.isfinite(away)
-    nearest = np.where(found, nearest, 0)
+    has_nearest = np.isfinite(away)
+    nearest = np.where(has_nearest, nearest, 0)
     deep = np.abs(np.einsum("ij,ij->i", rest - middle[nearest], normal[nearest]))
-    beside = np.sqrt(np.maximum(away**2 - deep**2, 0.0), where=found, out=np.zeros(len(rest)))
-    near[~near] = found & (np.hypot(deep, np.maximum(beside - edge, 0.0)) < sheet)
+    beside = np.sqrt(np.maximum(away**2 - deep**2, 0.0), where=has_nearest, out=np.zeros(len(rest)))
+    near[~near] = has_nearest & (np.hypot(deep, np.maximum(beside - edge, 0.0)) < sheet)
     return np.asarray(near)
 
 
@@ -325,6 +325,6 @@ def integrals_of(index: np.ndarray, grid: Grid) -> np.ndarray:
     """(10,) of the cuboids at `index` (k, 3)."""
     volume = float(np.prod(grid.step))
     middle = grid.world(index)
-    own = len(index) * grid.base.T @ np.diag(grid.step**2 / 12) @ grid.base
-    second = volume * (own + middle.T @ middle)
+    cuboid_moments = len(index) * grid.base.T @ np.diag(grid.step**2 / 12) @ grid.base
+    second = volume * (cuboid_moments + middle.T @ middle)
     return np.array([volume * len(index), *(volume * middle.sum(0)), *(second[a, b] for a, b in PAIRS)])

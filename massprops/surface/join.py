@@ -46,8 +46,8 @@ def joined(
     few = parts(deletion_cost) if moving or one_thing else np.array([body])
     if costs.shown is not None:
         # what all silhouettes of the object show is its own
-        own = np.bincount(part[inside], costs.shown[inside], len(deletion_cost)) > 0.5 * np.bincount(part[inside])
-        few = np.union1d(few, np.flatnonzero(own))
+        of_object = np.bincount(part[inside], costs.shown[inside], len(deletion_cost)) > 0.5 * np.bincount(part[inside])
+        few = np.union1d(few, np.flatnonzero(of_object))
     if len(few) < 2:
         return part == body
     part = np.where(np.isin(part, few), part, -1)
@@ -55,8 +55,8 @@ def joined(
     label = _linked(tetra, facets, costs, part, deletion_cost, body, sky)
     held, apart = np.intersect1d(few, part[label]), np.setdiff1d(few, part[label])
     if not moving and one_thing and len(apart):
-        own = surface_faces(tetra, part == body)
-        apart = apart[[one_thing(tetra.points, own, surface_faces(tetra, part == k)) for k in apart]]
+        of_object = surface_faces(tetra, part == body)
+        apart = apart[[one_thing(tetra.points, of_object, surface_faces(tetra, part == k)) for k in apart]]
     if (moving or one_thing) and len(apart):
         # only what nothing else holds hangs by space that silhouettes show to be empty
         deletion_cost[body] = deletion_cost[held].sum()
@@ -146,13 +146,13 @@ def _passages(
     """
     free = ~inside
     wall = np.where((tetra.neighbours >= 0) & free[tetra.neighbours], costs.into + costs.both, 0.0)
-    own = np.maximum(costs.outside - costs.inside, 0.0)
+    inside_cost = np.maximum(costs.outside - costs.inside, 0.0)
     ends, price, through = [], [], []
     for i in range(4):
         for j in range(i + 1, 4):
             others = [k for k in range(4) if k not in (i, j)]
             # never zero, which a sparse graph takes for no edge
-            cost = np.maximum(own + wall[:, others].sum(1), 1e-9)
+            cost = np.maximum(inside_cost + wall[:, others].sum(1), 1e-9)
             way = np.flatnonzero(free & ~shut & (cost < limit) & (facet[:, i] >= 0) & (facet[:, j] >= 0))
             ends.append(facet[way][:, [i, j]])
             price.append(cost[way])

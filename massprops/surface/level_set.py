@@ -57,9 +57,9 @@ def level_set(value: np.ndarray, origin: np.ndarray, step: float) -> tuple[np.nd
 def _triangles(corner: np.ndarray, inside: np.ndarray, many: int) -> np.ndarray:
     """(f, 3, 2) the grid's edges, from inside to outside, on which the vertices of faces lie; of tetrahedra (n, 4) with
     `many` corners inside."""
-    own = inside.sum(axis=1) == many
-    order = np.argsort(~inside[own], axis=1, kind="stable")  # those inside come first
-    c = np.take_along_axis(corner[own], order, axis=1)
+    with_many = inside.sum(axis=1) == many
+    order = np.argsort(~inside[with_many], axis=1, kind="stable")  # those inside come first
+    c = np.take_along_axis(corner[with_many], order, axis=1)
 
     def cut(i: int, j: int) -> np.ndarray:
         return c[:, [i, j]]

@@ -42,14 +42,14 @@ def filling_outlines(
     moving = np.flatnonzero(free)
     for _ in range(ROUNDS):
         face, gap, _ = on_outlines(out, faces, views, masks)
-        own = free[faces[face]].all(axis=1)
-        face, gap = face[own], gap[own]
+        may_move = free[faces[face]].all(axis=1)
+        face, gap = face[may_move], gap[may_move]
         if len(face) < NEIGHBOURS:
             break
         normal = vertex_normals(out, faces)
         # the two sides of a thin part are different places
         place = np.concatenate([out, 2 * reach * normal], axis=1)
         near, which = cKDTree(place[faces[face]].mean(axis=1)).query(place[moving], NEIGHBOURS)
-        said = np.where(near[:, -1] < reach, np.median(gap[which], axis=1), 0.0)
-        out[moving] += np.maximum(said - SILHOUETTE_MARGIN, 0.0)[:, None] * pixel * normal[moving]
+        gap_nearby = np.where(near[:, -1] < reach, np.median(gap[which], axis=1), 0.0)
+        out[moving] += np.maximum(gap_nearby - SILHOUETTE_MARGIN, 0.0)[:, None] * pixel * normal[moving]
     return out

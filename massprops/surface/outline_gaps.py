@@ -82,10 +82,10 @@ def outline_gaps(
     place = np.column_stack([vertices[faces].mean(axis=1), 2 * reach * face_normals(vertices, faces)])
     near, which = cKDTree(place[face]).query(place, NEIGHBOURS, distance_upper_bound=reach)
     told = np.isfinite(near)
-    said = np.where(told, gap[np.minimum(which, len(gap) - 1)], np.nan)
+    gaps_nearby = np.where(told, gap[np.minimum(which, len(gap) - 1)], np.nan)
     enough = told.sum(axis=1) >= FEWEST
     middle = np.full(len(faces), SILHOUETTE_MARGIN)
-    middle[enough] = nanmedian(said[enough], axis=1)
+    middle[enough] = nanmedian(gaps_nearby[enough], axis=1)
     whole = float(np.median(gap))
     drift = float(np.sqrt(max(0.0, _spread(gap - whole) ** 2 - SHARP**2)))
     # where outlines agree in all images and with most of the mesh, cameras are right, and only silhouettes are wide in places
@@ -126,15 +126,15 @@ def on_outlines(
     """
     from massprops.geometry.rasterise import rasterise
 
-    found, gaps, alike = [np.zeros(0, int)], [np.zeros(0)], np.zeros(len(masks))
+    rim_faces, gaps, alike = [np.zeros(0, int)], [np.zeros(0)], np.zeros(len(masks))
     for i, mask in enumerate(masks):
         drawn = rasterise(vertices, faces, views.K[i], views.R[i], views.t[i], mask.shape[::-1])[1]
         body = drawn >= 0
         rim, gap = _gaps(body, mask)
         alike[i] = overlap(body, mask) if measured is None else lit_overlap(body, mask, body & measured[drawn])
-        found.append(drawn[rim])
+        rim_faces.append(drawn[rim])
         gaps.append(gap)
-    return np.concatenate(found), np.concatenate(gaps), alike
+    return np.concatenate(rim_faces), np.concatenate(gaps), alike
 
 
 def _gaps(drawn: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

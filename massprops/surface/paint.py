@@ -52,10 +52,10 @@ def overlap(first: Placed, second: Placed, R: np.ndarray, t: np.ndarray) -> floa
 def _shown(side: Placed, other: Placed, R: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Colours (n, 3) that another placement's photographs show of a placement's points, carried by R x + t, and (n,) bool
     of which."""
-    own, there = side.photographs, other.photographs
-    if own is None or there is None:
+    side_photographs, there = side.photographs, other.photographs
+    if side_photographs is None or there is None:
         return np.zeros((len(side.cloud), 3)), np.zeros(len(side.cloud), bool)
-    return there.paint(side.cloud, own.vertices, own.faces, R, t)
+    return there.paint(side.cloud, side_photographs.vertices, side_photographs.faces, R, t)
 
 
 def paint_shown(

@@ -88,10 +88,10 @@ def photographs(
         factor = min(1.0, LONGEST / max(h, w))
         size = (round(w * factor), round(h * factor))
         scale = np.array([size[0] / w, size[1] / h])
-        own = views.K[i].copy()
-        own[:2] *= scale[:, None]
-        own[:2, 2] += 0.5 * scale - 0.5
-        K.append(own)
+        camera_matrix = views.K[i].copy()
+        camera_matrix[:2] *= scale[:, None]
+        camera_matrix[:2, 2] += 0.5 * scale - 0.5
+        K.append(camera_matrix)
         small.append(cv2.GaussianBlur(cv2.resize(image, size, interpolation=cv2.INTER_AREA), (0, 0), SMOOTH))
         known.append(cv2.resize(mask, size, interpolation=cv2.INTER_NEAREST))
     return Photographs(K, views.R, views.t, small, known, vertices, faces)

@@ -223,7 +223,7 @@ def _agreement(
             taken = min(count, MOST_VIEWS)
             for s in range(len(along)):
                 total[:] = 0.0
-                pairs, own = 0.0, 0.0
+                pairs, squares = 0.0, 0.0
                 members = np.zeros(groups)
                 for k in range(taken):
                     i = view[start[n] + half + 2 * (k * count // taken)]
@@ -232,8 +232,8 @@ def _agreement(
                     members[placement[i]] += 1.0
                     for j in range(samples):
                         total[placement[i], j] += value[j]
-                        own += value[j] * value[j]
-                both = -own
+                        squares += value[j] * value[j]
+                both = -squares
                 for g in range(groups):
                     pairs += members[g] * (members[g] - 1.0)
                     for j in range(samples):

@@ -69,18 +69,18 @@ def placed(
     """
     # points beside the silhouettes must not make these say less
     hull = replace(make_hull(views, masks, cloud.xyz, support=support), need=NEED)
-    own = extent(hull, shape)
+    shape_extent = extent(hull, shape)
     rng = np.random.default_rng([seed, 32])
-    rims, every = (rim_rays(views, masks, own, RIMS, rng, touches) for touches in (TOUCHES, MOST))
+    rims, every = (rim_rays(views, masks, shape_extent, RIMS, rng, touches) for touches in (TOUCHES, MOST))
     return Placed(
         cloud=cloud,
         colour=colour,
-        extent=own,
+        extent=shape_extent,
         rims=rims,
         middle=middle,
         shape=shape,
         pixel=hull.pixel,
-        rim_error=every.rim_error(own),
+        rim_error=every.rim_error(shape_extent),
         support=support,
         tangents=tangent_planes(views, masks),
     )

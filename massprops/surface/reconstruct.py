@@ -290,8 +290,8 @@ def _finished(given: _Given, mesh: Mesh, fill: Fill) -> Surface:
 
 def _observed(vertices: np.ndarray, faces: np.ndarray, cloud: Cloud, spacing: float, sharp: Hull | None) -> np.ndarray:
     """(f,) bool: faces that were measured. sharp: silhouettes as before a black sky: a face with a corner off them is a hair; or None."""
-    found = measured_faces(vertices, faces, cloud, 2 * spacing)
-    return found if sharp is None else found & (sharp.value(vertices)[faces] < OFF_HULL).all(1)
+    measured = measured_faces(vertices, faces, cloud, 2 * spacing)
+    return measured if sharp is None else measured & (sharp.value(vertices)[faces] < OFF_HULL).all(1)
 
 
 @dataclass(frozen=True)
@@ -333,9 +333,9 @@ def _meshes(given: _Given, pulls: Sequence[Pull]) -> Iterator[tuple[Pull, Mesh]]
     guard = (kind[tetra.corners] == GUARD).any(1)
     one_thing = partial(hang_together, given.views, given.masks) if given.masks else None
     for k, pull in enumerate(pulls):
-        own = costs.pulled(pull.strength - given.pull.strength)
-        label = inside if pull == given.pull else minimum_cut(tetra, own)
-        body = manifold(tetra, joined(tetra, own, label, given.moving, one_thing), guard)
+        pulled_costs = costs.pulled(pull.strength - given.pull.strength)
+        label = inside if pull == given.pull else minimum_cut(tetra, pulled_costs)
+        body = manifold(tetra, joined(tetra, pulled_costs, label, given.moving, one_thing), guard)
         if body.sum() >= 10:
             yield pull, _mesh(tetra, kind, body)
         elif k == 0:
@@ -542,15 +542,17 @@ def _sight(given: _Given, tetra: Tetrahedra, kind: np.ndarray) -> tuple[np.ndarr
         p, slot = np.nonzero(beside.views >= 0)
         number = (beside.views >= 0).sum(1)[p]
         noise = np.maximum(0.5 * beside.sigma, 0.05 * h)[p]
-        own = np.flatnonzero(kind == BESIDE)[p]
-        other = sight_evidence(tetra, own, views.centres[beside.views[p, slot]], noise, 2.0 / np.maximum(number, 2))
+        of_point = np.flatnonzero(kind == BESIDE)[p]
+        other = sight_evidence(
+            tetra, of_point, views.centres[beside.views[p, slot]], noise, 2.0 / np.maximum(number, 2)
+        )
         into, free = into + other[0], free + other[1]
 
     sure = np.zeros(len(tetra.corners))
     depth = np.maximum(1.5 * thinned.sigma, 0.15 * h)
-    own = tetrahedra_at_depth(tetra, np.arange(n), -thinned.normal, depth)
+    of_point = tetrahedra_at_depth(tetra, np.arange(n), -thinned.normal, depth)
     confidence = np.minimum(seen, 3) / 3.0
-    np.add.at(sure, own[own >= 0], confidence[own >= 0])
+    np.add.at(sure, of_point[of_point >= 0], confidence[of_point >= 0])
     return into, free, sure
 
 
@@ -578,23 +580,23 @@ def _costs(given: _Given, tetra: Tetrahedra, kind: np.ndarray) -> Costs:
     pull = given.pull.strength * space
     shown = None
     if more is not None:
-        own = np.flatnonzero((sky <= 0.5) & ~guard)
-        gain = inside_reward(more, hull, middle[own], volume[own], h)
-        pull[own] += gain * np.exp(-free[own])
+        in_hull = np.flatnonzero((sky <= 0.5) & ~guard)
+        gain = inside_reward(more, hull, middle[in_hull], volume[in_hull], h)
+        pull[in_hull] += gain * np.exp(-free[in_hull])
         shown = np.zeros(len(volume), bool)
-        shown[own] = gain > 0
+        shown[in_hull] = gain > 0
     return Costs(outside, sure + pull, into, both, shown, space, before)
 
 
 def _on_sides(tetra: Tetrahedra, kind: np.ndarray, given: _Given) -> np.ndarray:
     """(t, 4) bool: facets that lie where a flat side goes on."""
-    own = np.flatnonzero(np.isin(kind, (FLAT, MEASURED)))
+    side_points = np.flatnonzero(np.isin(kind, (FLAT, MEASURED)))
     near, beyond = 0.3 * given.thinned.spacing, (kind == FLAT)[tetra.corners]
     out = np.zeros(tetra.corners.shape, bool)
     for side in given.sides:
         there = np.zeros(len(kind), bool)
-        there[own] = np.abs(side.height(tetra.points[own])) < near
-        there[own] &= side.on(tetra.points[own], side.goes_on | side.measured)
+        there[side_points] = np.abs(side.height(tetra.points[side_points])) < near
+        there[side_points] &= side.on(tetra.points[side_points], side.goes_on | side.measured)
         flat = there[tetra.corners]
         for k in range(4):
             others = [i for i in range(4) if i != k]

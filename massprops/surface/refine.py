@@ -57,11 +57,11 @@ def measured_faces(vertices: np.ndarray, faces: np.ndarray, cloud: Cloud, reach:
 
     middle, normal = vertices[faces].mean(1), face_normals(vertices, faces)
     near, index = cKDTree(cloud.xyz).query(middle, k=12, distance_upper_bound=reach)
-    found = np.isfinite(near)
-    index = np.where(found, index, 0)
+    has_point = np.isfinite(near)
+    index = np.where(has_point, index, 0)
     facing = np.einsum("fki,fi->fk", cloud.normal[index], normal) > 0.5
     off = np.abs(np.einsum("fki,fi->fk", cloud.xyz[index] - middle[:, None], normal))
-    return (found & facing & (off < 0.5 * reach)).sum(1) >= 2
+    return (has_point & facing & (off < 0.5 * reach)).sum(1) >= 2
 
 
 def residuals(
@@ -78,9 +78,9 @@ def residuals(
 
     middle, normal = vertices[faces].mean(1), face_normals(vertices, faces)
     near, index = cKDTree(middle).query(cloud.xyz, k=6, distance_upper_bound=reach)
-    found = np.isfinite(near)
-    index = np.where(found, index, 0)
-    facing = found & (np.einsum("pki,pi->pk", normal[index], cloud.normal) > 0.5)
+    has_face = np.isfinite(near)
+    index = np.where(has_face, index, 0)
+    facing = has_face & (np.einsum("pki,pi->pk", normal[index], cloud.normal) > 0.5)
     first = np.argmax(facing, axis=1)
     point = np.flatnonzero(facing.any(1))
     face = index[point, first[point]]

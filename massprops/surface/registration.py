@@ -122,12 +122,12 @@ def register(first: Placed, second: Placed, seed: int = 0) -> Registration:
     """
     both = PlacementPair(first, second, np.random.default_rng([seed, 31]))
     answers = both.answers()
-    found = _registration(both, answers)
-    if found.painted or first.photographs is None or second.photographs is None:
-        return found
+    registration = _registration(both, answers)
+    if registration.painted or first.photographs is None or second.photographs is None:
+        return registration
     # what both measured does not tell: what the photographs of each show of the other's points may
     shown = _registration(both, [both.by_photographs(a) if a.outside < LARGEST_PAINTED else a for a in answers])
-    return shown if shown.painted else found
+    return shown if shown.painted else registration
 
 
 def _registration(both: PlacementPair, answers: list[Answer]) -> Registration:
@@ -162,15 +162,15 @@ def _same_body(both: PlacementPair, best: Answer, answers: list[Answer]) -> list
     A body of revolution can be turned by any angle. By a small one it is seen to stay the same; by a large one two parts of it lie
     on each other that were measured in one placement each.
     """
-    found, todo = [], [best]
-    left = [a for a in answers if a is not best]
+    same_bodies, todo = [], [best]
+    remaining_answers = [a for a in answers if a is not best]
     while todo:
         one = todo.pop()
-        more = [a for a in left if both.one_body(one, a)]
-        left = [a for a in left if a not in more]
+        more = [a for a in remaining_answers if both.one_body(one, a)]
+        remaining_answers = [a for a in remaining_answers if a not in more]
         todo += [a for a in more if a.outside < worse(best.outside)]
-        found += more
-    return found
+        same_bodies += more
+    return same_bodies
 
 
 def _turned(both: PlacementPair, best: Answer, answers: list[Answer]) -> Registration | None:
@@ -181,9 +181,9 @@ def _turned(both: PlacementPair, best: Answer, answers: list[Answer]) -> Registr
     others = [a for a in answers if not same_side(first, second, a.R)]
     if not any(a.outside < worse(best.outside) for a in others):
         return None
-    found = _registration(both, others)
+    registration = _registration(both, others)
     # only here: of a noisy side the lowest points lie below it, and a plate came out a sixth too thick
-    return replace(found, t=resting(first, second, found.R, found.t))
+    return replace(registration, t=resting(first, second, registration.R, registration.t))
 
 
 def _candidates(best: Answer, answers: list[Answer]) -> tuple[tuple[np.ndarray, np.ndarray], ...]:

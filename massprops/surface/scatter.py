@@ -69,10 +69,12 @@ def _about_quadrics(place: np.ndarray, inside: np.ndarray, up: np.ndarray) -> np
     terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)
     weight = inside.astype(float)
     for _ in range(ROUNDS):
-        own = np.swapaxes(terms * weight[..., None], 1, 2)
+        weighted_terms = np.swapaxes(terms * weight[..., None], 1, 2)
         # of the least length where places on a line leave it open
-        found = np.linalg.pinv(own @ terms, rcond=FLAT, hermitian=True) @ (own @ height[..., None])
-        off = np.abs(height - (terms @ found)[..., 0])
+        coefficients = np.linalg.pinv(weighted_terms @ terms, rcond=FLAT, hermitian=True) @ (
+            weighted_terms @ height[..., None]
+        )
+        off = np.abs(height - (terms @ coefficients)[..., 0])
         middle = nanmedian(np.where(inside, off, np.nan), axis=1)
         weight = inside / (1 + (off / (3.0 * middle[:, None] + 1e-12)) ** 2)
     return middle

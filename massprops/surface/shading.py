@@ -128,20 +128,20 @@ def with_brightness(
     vertices, faces = level_set(body.value[::coarser, ::coarser, ::coarser], body.origin, step)
     if abs(mesh_integrals(vertices, faces)[0] / mesh_integrals(surface.vertices, surface.faces)[0] - 1) > THIN:
         return surface
-    found = shaded(vertices, faces, views, masks, grey, towards, surface.hull)
-    if found is None:
+    fitted = shaded(vertices, faces, views, masks, grey, towards, surface.hull)
+    if fitted is None:
         return surface
-    none = np.zeros(len(found.faces), bool)
-    cloud = outline_cloud(found.vertices, found.faces, views.centres, 0.2 * step)
+    none = np.zeros(len(fitted.faces), bool)
+    cloud = outline_cloud(fitted.vertices, fitted.faces, views.centres, 0.2 * step)
     return Surface(
-        vertices=found.vertices,
-        faces=found.faces,
+        vertices=fitted.vertices,
+        faces=fitted.faces,
         observed=none,
         inferred=none,
         hull=surface.hull,
         cloud=cloud,
         spacing=step,
-        slope=found.slope,
+        slope=fitted.slope,
     )
 
 
@@ -167,8 +167,8 @@ def shaded(
     edge = float(np.linalg.norm(vertices[faces[:, 0]] - vertices[faces[:, 1]], axis=1).mean())
     sky = float(np.median(np.concatenate([g[m == 0][::97] for g, m in zip(grey, masks, strict=True)])))
     held = np.arange(len(views)) % HELD_OUT == HELD_OUT // 2
-    own = np.flatnonzero(~held)
-    fitted = views.take(own), [masks[i] for i in own]
+    used_views = np.flatnonzero(~held)
+    fitted = views.take(used_views), [masks[i] for i in used_views]
     film = _Film(views, masks, grey, hull, edge, sky)
     at, light, power = vertices.copy(), np.append(towards, -1.0), 0.5
     off: list[float] = []
@@ -191,7 +191,7 @@ def shaded(
 
 def _samples(vertices: np.ndarray, faces: np.ndarray, film: _Film, light: np.ndarray) -> _Samples:
     """What every vertex looks like in every view that shows it."""
-    normal, found = vertex_normals(vertices, faces), []
+    normal, samples = vertex_normals(vertices, faces), []
     views, edge, sky = film.views, film.edge, film.sky
     for i, (mask, image) in enumerate(zip(film.masks, film.grey, strict=True)):
         K, R, t = views.K[i], views.R[i], views.t[i]
@@ -209,8 +209,8 @@ def _samples(vertices: np.ndarray, faces: np.ndarray, film: _Film, light: np.nda
         lit = mask[at[seen, 1], at[seen, 0]] == 255
         ratio = [np.clip((x - sky) / (WHITE - sky), 0.0, None) for x in (here, there)]
         one = seen, np.full(len(seen), i), ratio[0], ratio[1] - ratio[0], n[seen], free[seen], lit
-        found.append([column[keep] for column in one])
-    columns = [np.concatenate(c) for c in zip(*found, strict=True)]
+        samples.append([column[keep] for column in one])
+    columns = [np.concatenate(c) for c in zip(*samples, strict=True)]
     columns[3] = columns[3] / edge
     return _Samples(*columns)
 
@@ -242,8 +242,8 @@ def _light(seen: _Samples, light: np.ndarray, power: float) -> tuple[np.ndarray,
     def residual(p: np.ndarray) -> np.ndarray:
         return np.asarray(np.maximum(normal @ p[:3], 1e-3) ** np.exp(p[3]) - bright)
 
-    found = least_squares(residual, [*light, np.log(power)], loss="soft_l1", f_scale=0.02).x
-    return found[:3], float(np.exp(found[3]))
+    solution = least_squares(residual, [*light, np.log(power)], loss="soft_l1", f_scale=0.02).x
+    return solution[:3], float(np.exp(solution[3]))
 
 
 def _residual(seen: _Samples, light: np.ndarray, power: float) -> tuple[np.ndarray, np.ndarray]:

@@ -73,8 +73,8 @@ class Hull:
             start: (e, 3); direction: (e, 3) unit, outward.
             reach: longest way that is looked at.
         """
-        end, found = _exits(self, start - self.pixel * direction, direction, 0.25 * self.pixel, reach)
-        return np.where(found, np.maximum(np.einsum("ei,ei->e", end - start, direction), 0.0), 0.0)
+        end, has_end = _exits(self, start - self.pixel * direction, direction, 0.25 * self.pixel, reach)
+        return np.where(has_end, np.maximum(np.einsum("ei,ei->e", end - start, direction), 0.0), 0.0)
 
     def sparing(self, measured: np.ndarray, least: int = FEWEST_AGREE) -> Hull:
         """The same with the smallest `need`, at least `least`, that spares 99 % of the measured points (m, 3) by
@@ -146,16 +146,16 @@ def mean_shown(cloud: Cloud, views: Views, maps: Iterable[np.ndarray | None]) ->
     Args:
         cloud: its views index `views`; maps: (h, w) of each view, or None of one that says nothing.
     """
-    total, said = np.zeros(len(cloud)), np.zeros(len(cloud))
+    total, number_of_views = np.zeros(len(cloud)), np.zeros(len(cloud))
     owner = np.repeat(np.arange(len(cloud)), np.diff(cloud.view_start))
     for i, shown in enumerate(maps):
         if shown is None:
             continue
-        own = owner[cloud.view_index == i]
-        there, rows, columns = pixels_of(cloud.xyz[own], views.K[i], views.R[i], views.t[i], shown.shape)
-        said[own[there]] += 1
-        total[own[there]] += shown[rows, columns]
-    return np.asarray(total / np.maximum(said, 1))
+        in_view = owner[cloud.view_index == i]
+        there, rows, columns = pixels_of(cloud.xyz[in_view], views.K[i], views.R[i], views.t[i], shown.shape)
+        number_of_views[in_view[there]] += 1
+        total[in_view[there]] += shown[rows, columns]
+    return np.asarray(total / np.maximum(number_of_views, 1))
 
 
 def agreement(vertices: np.ndarray, faces: np.ndarray, views: Views, masks: list[np.ndarray]) -> np.ndarray:
@@ -176,8 +176,8 @@ def agreement(vertices: np.ndarray, faces: np.ndarray, views: Views, masks: list
 
 def overlap(drawn: np.ndarray, mask: np.ndarray) -> float:
     """Intersection over union of a drawn body (h, w) bool and a silhouette, NaN where that is empty; see `agreement`."""
-    own, known = mask == 255, (mask == 0) | (mask == 255)
-    return np.count_nonzero(own & drawn) / np.count_nonzero((own | drawn) & known) if own.any() else np.nan
+    inside, known = mask == 255, (mask == 0) | (mask == 255)
+    return np.count_nonzero(inside & drawn) / np.count_nonzero((inside | drawn) & known) if inside.any() else np.nan
 
 
 def lit_overlap(drawn: np.ndarray, mask: np.ndarray, measured: np.ndarray) -> float:
@@ -277,15 +277,15 @@ def _first_exit(
         px, py, pz = start[i, 0], start[i, 1], start[i, 2]
         dx, dy, dz = direction[i, 0], direction[i, 1], direction[i, 2]
         low, step, t = 0.0, first, first
-        found = False
+        sky_reached = False
         while t < reach:
             if _is_sky(maps, size, P, need, px + t * dx, py + t * dy, pz + t * dz):
-                found = True
+                sky_reached = True
                 break
             low = t
             step *= 1.25
             t += step
-        if not found:
+        if not sky_reached:
             continue
         high = t
         for _ in range(12):
@@ -322,9 +322,9 @@ def hull_points(
     along = np.einsum("ij,ij->i", direction, outward)
     direction -= np.where(along > 0.25, 2 * along, 0.0)[:, None] * outward
     direction[::rays] = -normal
-    found, hit = _exits(hull, begin, direction, 0.3 * spacing, reach)
+    exits, hit = _exits(hull, begin, direction, 0.3 * spacing, reach)
     begin = begin[hit]
-    return _above_support(hull, begin, found[hit]), begin
+    return _above_support(hull, begin, exits[hit]), begin
 
 
 def exit_points(
@@ -335,10 +335,10 @@ def exit_points(
     Args:
         start, direction: (m, 3), unit directions; first: step of the search; reach: longest ray.
     """
-    found, hit = _exits(hull, start, direction, first, reach)
+    exits, hit = _exits(hull, start, direction, first, reach)
     if not missed:
-        return _above_support(hull, start[hit], found[hit])
-    return _above_support(hull, start, np.where(hit[:, None], found, start + reach * direction))
+        return _above_support(hull, start[hit], exits[hit])
+    return _above_support(hull, start, np.where(hit[:, None], exits, start + reach * direction))
 
 
 def _exits(

@@ -280,9 +280,9 @@ def _carried(surface: Surface, joint: Joint) -> np.ndarray:
 
     cloud = surface.cloud
     middle, normal = surface.vertices[surface.faces].mean(axis=1), face_normals(surface.vertices, surface.faces)
-    own = ((cloud.view_index >= joint.first) & (cloud.view_index <= joint.last)).astype(float)
+    of_placement = ((cloud.view_index >= joint.first) & (cloud.view_index <= joint.last)).astype(float)
     point = np.repeat(np.arange(len(cloud)), np.diff(cloud.view_start))
-    share = np.bincount(point, own, len(cloud)) / np.maximum(np.diff(cloud.view_start), 1)
+    share = np.bincount(point, of_placement, len(cloud)) / np.maximum(np.diff(cloud.view_start), 1)
     near = cKDTree(cloud.xyz).query(middle, k=min(8, len(cloud)))[1].reshape(len(middle), -1)
     rows = np.concatenate([np.cross(middle - joint.about, normal), normal], axis=1)
     return np.asarray((share[near].mean(axis=1)[:, None] * rows).T)
@@ -386,11 +386,11 @@ def _bootstrap(
         return np.zeros((count, 0))
     cloud = surface.cloud
     point, face, distance = residuals(surface.vertices, surface.faces, cloud, 2 * surface.spacing)
-    own = patch[face]
-    point, distance, own = point[own >= 0], distance[own >= 0], own[own >= 0]
+    of_patch = patch[face]
+    point, distance, of_patch = point[of_patch >= 0], distance[of_patch >= 0], of_patch[of_patch >= 0]
     which, place = entries(cloud.view_start, point)
     share = 1.0 / np.bincount(which, minlength=len(point))[which]
-    code = cloud.view_index[place] * patches + own[which]
+    code = cloud.view_index[place] * patches + of_patch[which]
     total = np.bincount(code, share * distance[which], views * patches).reshape(views, patches)
     weight = np.bincount(code, share, views * patches).reshape(views, patches)
     blocks = min(blocks, views)

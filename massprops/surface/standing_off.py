@@ -70,9 +70,9 @@ def _beside(parts: list[np.ndarray], rest: tuple[np.ndarray, np.ndarray], views:
     camera, size = (views.K[i], views.R[i], views.t[i]), (int(views.size[i, 0]), int(views.size[i, 1]))
     covered = silhouette(*rest, *camera, size).astype(np.uint8)
     covered = cv2.dilate(covered, np.ones((2 * BESIDE_PX + 1,) * 2, np.uint8))
-    found = np.full(len(parts), np.nan)
+    lies_beside = np.full(len(parts), np.nan)
     for k, places in enumerate(parts):
         inside, rows, columns = pixels_of(places, *camera, covered.shape)
         if len(inside) > MOSTLY * len(places):
-            found[k] = float(np.mean(covered[rows, columns] == 0) > MOSTLY)
-    return found
+            lies_beside[k] = float(np.mean(covered[rows, columns] == 0) > MOSTLY)
+    return lies_beside

@@ -100,14 +100,14 @@ def symmetries(
     body = _Painted(cloud, colour, pixel, np.random.default_rng([seed, 41]))
     if not body.own > SHOWS:
         return []
-    found = []
+    turns = []
     for axis in range(3):
         for fold in FOLDS:
             one = body.turned(axis, fold, axes[:, axis], centre)
             if one is not None:
-                found.append(one)
+                turns.append(one)
                 break
-    return found
+    return turns
 
 
 class _Painted:
@@ -176,8 +176,10 @@ class _Painted:
         """(m,) bool: the paints (m, 3) are the same in the patch (m,) of a point."""
         out = np.zeros(len(patch), bool)
         for k in range(patch.max(initial=-1) + 1):
-            own = patch == k
-            out[own] = own.sum() > PATCH // 4 and correlation(one[own], other[own]) > HALF * self.own
+            in_patch = patch == k
+            out[in_patch] = (
+                in_patch.sum() > PATCH // 4 and correlation(one[in_patch], other[in_patch]) > HALF * self.own
+            )
         return out
 
     def laid(self, R: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

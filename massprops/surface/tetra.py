@@ -64,8 +64,10 @@ def tetrahedralise(points: np.ndarray) -> Tetrahedra:
     """Delaunay tetrahedra of points (n, 3); raises `scipy.spatial.QhullError` for flat clouds."""
     from scipy.spatial import Delaunay
 
-    found = Delaunay(points)
-    return Tetrahedra(np.ascontiguousarray(points), found.simplices.astype(np.int32), found.neighbors.astype(np.int32))
+    triangulation = Delaunay(points)
+    return Tetrahedra(
+        np.ascontiguousarray(points), triangulation.simplices.astype(np.int32), triangulation.neighbors.astype(np.int32)
+    )
 
 
 def sight_evidence(

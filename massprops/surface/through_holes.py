@@ -97,21 +97,23 @@ def through_holes(body: Surface, places: list[np.ndarray]) -> tuple[list[Tube], 
     middle, area = body.vertices[body.faces].mean(axis=1), face_areas(body.vertices, body.faces)
     faces = cKDTree(middle)
     directions = _directions(area, normal, body.observed, places)
-    found: list[_Mouths] = []
-    left = []
+    mouth_pairs: list[_Mouths] = []
+    remaining_places = []
     cut: dict[bytes, Layers | None] = {}
     for place in sorted(places, key=lambda p: -float(area[p].sum())):
-        if any(mouths.contains(middle[place]) for mouths in found):
+        if any(mouths.contains(middle[place]) for mouths in mouth_pairs):
             continue
         up = [d if area[place] @ normal[place] @ d >= 0 else -d for d in directions]
         others = [p for p in places if p is not place]
         mouths = _mouths(body, faces, place, up, cut) or _lids(body, place, others, up, cut)
         if mouths is None:
-            left.append(place)
+            remaining_places.append(place)
         else:
-            found.append(mouths)
-    left = [place for place in left if not any(mouths.contains(middle[place]) for mouths in found)]
-    return [_tube(mouths) for mouths in found], left
+            mouth_pairs.append(mouths)
+    remaining_places = [
+        place for place in remaining_places if not any(mouths.contains(middle[place]) for mouths in mouth_pairs)
+    ]
+    return [_tube(mouths) for mouths in mouth_pairs], remaining_places
 
 
 def opened(body: Surface, tubes: list[Tube]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
@@ -133,9 +135,9 @@ def opened(body: Surface, tubes: list[Tube]) -> tuple[np.ndarray, np.ndarray, np
     made = largest.to_mesh64()
     vertices, faces = np.array(made.vert_properties[:, :3]), np.array(made.tri_verts, np.int32)
     run = np.searchsorted(np.asarray(made.run_index) // 3, np.arange(len(faces)), side="right") - 1
-    own = np.asarray(made.run_original_id)[run] == whole.original_id()
+    of_body = np.asarray(made.run_original_id)[run] == whole.original_id()
     nearest = cKDTree(body.vertices[body.faces].mean(axis=1)).query(vertices[faces].mean(axis=1))[1]
-    return vertices, faces, own & body.observed[nearest], own & body.inferred[nearest]
+    return vertices, faces, of_body & body.observed[nearest], of_body & body.inferred[nearest]
 
 
 def with_open_holes(rows: np.ndarray, unsure: np.ndarray, seed: int) -> np.ndarray:
@@ -151,16 +153,18 @@ def _directions(
     """Directions (3,) in which a hole may go: those that the places face, and across the body's largest flat sides."""
     mean = [area[p] @ normal[p] for p in places]
     tried = [m / np.linalg.norm(m) for m in mean if np.linalg.norm(m) > 0.0]
-    left, weight = normal[observed], area[observed]
+    remaining, weight = normal[observed], area[observed]
     for _ in range(DIRECTIONS):
-        if not len(left):
+        if not len(remaining):
             break
-        some, voters = (slice(None, None, max(1, len(left) // n)) for n in (500, VOTERS))
-        best = left[some][np.argmax((np.abs(left[some] @ left[voters].T) > SAME_DIRECTION) @ weight[voters])]
-        near = np.abs(left @ best) > SAME_DIRECTION
-        flat = np.linalg.eigh((left[near] * weight[near, None]).T @ left[near])[1][:, 2]
+        some, voters = (slice(None, None, max(1, len(remaining) // n)) for n in (500, VOTERS))
+        best = remaining[some][
+            np.argmax((np.abs(remaining[some] @ remaining[voters].T) > SAME_DIRECTION) @ weight[voters])
+        ]
+        near = np.abs(remaining @ best) > SAME_DIRECTION
+        flat = np.linalg.eigh((remaining[near] * weight[near, None]).T @ remaining[near])[1][:, 2]
         tried.append(flat)
-        left, weight = left[~near], weight[~near]
+        remaining, weight = remaining[~near], weight[~near]
     kept: list[np.ndarray] = []
     for direction in tried:
         if all(abs(direction @ other) < SAME_DIRECTION for other in kept):
@@ -184,13 +188,13 @@ def _mouths(
         up = first
         for _ in range(ROUNDS):
             layers = _kept_layers(body, up, cut)
-            found = None if layers is None else _pair(body, faces, place, layers)
-            if found is None:
+            pair = None if layers is None else _pair(body, faces, place, layers)
+            if pair is None:
                 break
-            inside = found.contains(body.vertices[body.faces[place]].mean(axis=1))
-            if inside and (best is None or found.alike > best.alike):
-                best = found
-            line = found.upper.middle - found.lower.middle
+            inside = pair.contains(body.vertices[body.faces[place]].mean(axis=1))
+            if inside and (best is None or pair.alike > best.alike):
+                best = pair
+            line = pair.upper.middle - pair.lower.middle
             up = line / np.linalg.norm(line)
     return best if best is not None and best.alike > ALIKE else None
 

@@ -70,11 +70,11 @@ def spare_behind_light(views: Views, masks: list[np.ndarray], grey: list[np.ndar
         the silhouettes as they are where the brightness does not tell the Sun's direction.
     """
     out = list(masks)
-    for own in _of_each_camera(views):
-        towards = brighter([masks[i] for i in own], [grey[i] for i in own])
+    for camera_views in _of_each_camera(views):
+        towards = brighter([masks[i] for i in camera_views], [grey[i] for i in camera_views])
         if towards is None:
             return masks
-        for i in own:
+        for i in camera_views:
             behind = _behind_any(masks[i] == 255, towards)
             out[i] = np.where((masks[i] == 0) & behind, np.uint8(AMBIGUOUS), masks[i])
     return out
@@ -83,7 +83,7 @@ def spare_behind_light(views: Views, masks: list[np.ndarray], grey: list[np.ndar
 def _of_each_camera(views: Views) -> list[np.ndarray]:
     """The places of each camera's views."""
     folder = np.array([name.rpartition("/")[0] for name in views.names])
-    return [np.flatnonzero(folder == own) for own in np.unique(folder)]
+    return [np.flatnonzero(folder == camera) for camera in np.unique(folder)]
 
 
 def brighter(masks: list[np.ndarray], grey: list[np.ndarray]) -> np.ndarray | None:
@@ -121,13 +121,13 @@ def _behind_any(lit: np.ndarray, towards: np.ndarray) -> np.ndarray:
 def _sun_of_views(views: Views, grey: list[np.ndarray], cloud: Cloud, seed: int) -> np.ndarray | None:
     """(n, 3) direction to the Sun in each view's camera, which stands still; None where one's brightness does not say."""
     out = np.zeros((len(views), 3))
-    for own in _of_each_camera(views):
+    for camera_views in _of_each_camera(views):
         number = np.full(len(views), -1)
-        number[own] = np.arange(len(own))
-        sun = sun_direction(views.take(own), [grey[i] for i in own], cloud.of_views(number), seed)
+        number[camera_views] = np.arange(len(camera_views))
+        sun = sun_direction(views.take(camera_views), [grey[i] for i in camera_views], cloud.of_views(number), seed)
         if sun is None:
             return None
-        out[own] = sun
+        out[camera_views] = sun
     return out
 
 
@@ -147,14 +147,14 @@ def sun_direction(views: Views, grey: list[np.ndarray], cloud: Cloud, seed: int 
     weight = (light > 0).astype(float)
     if weight.sum() < 100:
         return None
-    found = np.zeros(4)
+    coefficients = np.zeros(4)
     for _ in range(10):
-        found = np.linalg.lstsq(design * weight[:, None], light * weight, rcond=None)[0]
-        off = light - design @ found
+        coefficients = np.linalg.lstsq(design * weight[:, None], light * weight, rcond=None)[0]
+        off = light - design @ coefficients
         scale = mad_sigma(off[light > 0])
         weight = (light > 0) / np.sqrt(1 + (off / max(2 * scale, 1e-9)) ** 2)
-    length = float(np.linalg.norm(found[:3]))
-    return found[:3] / length if length > 0 else None
+    length = float(np.linalg.norm(coefficients[:3]))
+    return coefficients[:3] / length if length > 0 else None
 
 
 def _turned(
