@@ -206,8 +206,8 @@ def _doubled(field: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
 def _shift_to_pixel(depth: np.ndarray, normal: np.ndarray, half_K: np.ndarray, K: np.ndarray) -> None:
     """Depth of the coarse pixel's plane on each fine pixel's own ray, in place."""
     v, u = np.nonzero(depth)
-    own = normal[v, u]
-    before = np.einsum("mi,mi->m", own, _rays(u // 2, v // 2, half_K))
-    after = np.einsum("mi,mi->m", own, _rays(u, v, K))
+    pixel_normals = normal[v, u]
+    before = np.einsum("mi,mi->m", pixel_normals, _rays(u // 2, v // 2, half_K))
+    after = np.einsum("mi,mi->m", pixel_normals, _rays(u, v, K))
     factor = np.clip(np.where(np.abs(after) > 0.05, before / np.where(after == 0, 1, after), 1.0), 0.97, 1.03)
     depth[v, u] *= factor.astype(np.float32)

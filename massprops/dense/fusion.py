@@ -46,8 +46,8 @@ class Maps(NamedTuple):
 
     def enter(self, n: int, found: Arrays, where: np.ndarray | None) -> None:
         """Takes the n-th map from its `depth`, `normal` and `sigma`, all of it or `where` (h, w) bool says."""
-        for own, new in ((self.depth, found["depth"]), (self.normal, found["normal"]), (self.sigma, found["sigma"])):
-            own[n] = new if where is None else np.where(where if new.ndim == 2 else where[..., None], new, own[n])
+        for maps, new in ((self.depth, found["depth"]), (self.normal, found["normal"]), (self.sigma, found["sigma"])):
+            maps[n] = new if where is None else np.where(where if new.ndim == 2 else where[..., None], new, maps[n])
 
 
 class Cameras(NamedTuple):
@@ -154,8 +154,8 @@ def _confirmed(
     depth = g * (q0 * px + q1 * py + q2) / slope
     if abs(depth - e) > limits.depth * e:
         return nothing
-    own = _turned_back(R, q0, q1, q2)
-    if limits.normal > own[0] * normal[0] + own[1] * normal[1] + own[2] * normal[2]:
+    partner_normal = _turned_back(R, q0, q1, q2)
+    if limits.normal > partner_normal[0] * normal[0] + partner_normal[1] * normal[1] + partner_normal[2] * normal[2]:
         return nothing
     there = _turned_back(R, rx * depth - t[0], ry * depth - t[1], depth - t[2])
     # back in the reference
@@ -167,7 +167,7 @@ def _confirmed(
     if du * du + dv * dv > limits.reprojection * limits.reprojection:
         return nothing
     ray = math.sqrt(rx * rx + ry * ry + 1.0)
-    return True, i, j, _precision(maps.sigma[v, i, j], ray, -slope / ray), there, own
+    return True, i, j, _precision(maps.sigma[v, i, j], ray, -slope / ray), there, partner_normal
 
 
 @nb.njit(error_model="numpy")
@@ -225,20 +225,22 @@ def _fuse(
                 continue
             weight, point, normal = _seen_first(maps, cameras, reference, x, y)
             sums = _added((0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), weight, point, normal, 0.0)
-            found = 0
+            confirmations = 0
             for v in partners:
-                good, i, j, weight, there, own = _confirmed(maps, cameras, limits, reference, x, y, v, point, normal)
+                good, i, j, weight, there, partner_normal = _confirmed(
+                    maps, cameras, limits, reference, x, y, v, point, normal
+                )
                 if not good:
                     continue
                 a, b, c = there[0] - point[0], there[1] - point[1], there[2] - point[2]
-                sums = _added(sums, weight, there, own, a * normal[0] + b * normal[1] + c * normal[2])
-                matched[found, 0], matched[found, 1], matched[found, 2] = v, i, j
-                found += 1
-            if found < limits.confirming:
+                sums = _added(sums, weight, there, partner_normal, a * normal[0] + b * normal[1] + c * normal[2])
+                matched[confirmations, 0], matched[confirmations, 1], matched[confirmations, 2] = v, i, j
+                confirmations += 1
+            if confirmations < limits.confirming:
                 continue
-            _write(out, n, sums, found)
-            out.pixel[n], out.count[n], out.seen[n, 0] = y * w + x, found + 1, reference
-            for k in range(found):
+            _write(out, n, sums, confirmations)
+            out.pixel[n], out.count[n], out.seen[n, 0] = y * w + x, confirmations + 1, reference
+            for k in range(confirmations):
                 out.seen[n, k + 1] = matched[k, 0]
                 taken[matched[k, 0], matched[k, 1], matched[k, 2]] = True
             taken[reference, y, x] = True

@@ -286,10 +286,10 @@ def _ncc_cost(
     if total < LEAST_WEIGHT:
         return WORST
     s1, s2, o1, o2, cross = s1 / total, s2 / total, o1 / total, o2 / total, cross / total
-    spread, own = s2 - s1 * s1, o2 - o1 * o1
-    if spread < 0.05 or own < 0.05:
+    spread, reference_spread = s2 - s1 * s1, o2 - o1 * o1
+    if spread < 0.05 or reference_spread < 0.05:
         return WORST
-    return 1.0 - (cross - s1 * o1) / math.sqrt(spread * own)
+    return 1.0 - (cross - s1 * o1) / math.sqrt(spread * reference_spread)
 
 
 @nb.njit(inline="always", fastmath=True, error_model="numpy")
@@ -432,7 +432,7 @@ def sweep(
             # the plane itself when it is not judged yet, those of neighbours, random steps: judged in one place, since
             # every call is compiled on its own
             for k in range(-1, near_ones + steps.tries):
-                own = (d, n0, n1, n2)
+                plane = (d, n0, n1, n2)
                 if k < 0:
                     good, e, m0, m1, m2 = c < 0.0, d, n0, n1, n2
                 elif k < near_ones:
@@ -440,10 +440,10 @@ def sweep(
                     if i < 0 or j < 0 or i >= h or j >= w or mask[i, j] == 0:
                         continue
                     other = (depth[i, j], normal[i, j, 0], normal[i, j, 1], normal[i, j, 2])
-                    good, e, m0, m1, m2 = _neighbour(x, y, i, j, own, other, frame.ray, steps)
+                    good, e, m0, m1, m2 = _neighbour(x, y, i, j, plane, other, frame.ray, steps)
                 else:
                     good, e, m0, m1, m2 = _random_step(
-                        x, y, y * w + x, k - near_ones, own, size, colour, frame.ray, steps
+                        x, y, y * w + x, k - near_ones, plane, size, colour, frame.ray, steps
                     )
                 if not good:
                     continue

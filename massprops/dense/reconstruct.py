@@ -279,9 +279,9 @@ def _enough(points: DensePoints | None) -> DensePoints:
     Raises:
         NotPossible: too few agree.
     """
-    found = 0 if points is None else len(points.xyz)
-    if points is None or found < 500:
-        raise NotPossible(f"only {found} surface points agree between views: more texture, light or overlap is needed")
+    count = 0 if points is None else len(points.xyz)
+    if points is None or count < 500:
+        raise NotPossible(f"only {count} surface points agree between views: more texture, light or overlap is needed")
     return points
 
 
