@@ -116,8 +116,8 @@ def align(
 
     a, b = mass_properties(source, 1.0), mass_properties(target, 1.0)
     scale = (b.volume / a.volume) ** (1 / 3) if free_scale else 1.0
-    own, goal = surface_samples(source, 6000, seed, measured), surface_samples(target, 6000, seed + 1)
-    own_tree, goal_tree = cKDTree(own), cKDTree(goal)
+    source_points, goal = surface_samples(source, 6000, seed, measured), surface_samples(target, 6000, seed + 1)
+    own_tree, goal_tree = cKDTree(source_points), cKDTree(goal)
     target_surface, source_surface = Surface(target), Surface(source)
     normals = target_surface.closest(goal)[1]
 
@@ -127,30 +127,30 @@ def align(
 
     rotations = starts(a.principal_axes, b.principal_axes)
 
-    few = scale * (own[:250] - a.center_of_mass)
+    few = scale * (source_points[:250] - a.center_of_mass)
     there = np.einsum("rij,nj->rni", rotations, few) + b.center_of_mass
     back = np.einsum("rji,nj->rni", rotations, goal[:250] - b.center_of_mass) / scale + a.center_of_mass
     score = goal_tree.query(there.reshape(-1, 3))[0].reshape(len(rotations), -1).mean(1)
     score += scale * own_tree.query(back.reshape(-1, 3))[0].reshape(len(rotations), -1).mean(1)
 
     def both_ways(similarity: Similarity, count: int) -> float:
-        value = goal_tree.query(similarity.apply(own[:count]))[0].mean()
+        value = goal_tree.query(similarity.apply(source_points[:count]))[0].mean()
         return float(value + similarity.scale * own_tree.query(similarity.back(goal[:count]))[0].mean())
 
     kept = [
         Similarity(scale, rotations[k], b.center_of_mass - scale * rotations[k] @ a.center_of_mass)
         for k in distinct(rotations, np.argsort(score, kind="stable"), ROUNDS[0][0])
     ]
-    for count, points, steps, left in ROUNDS:
-        moved = [iterate(start, own[:points], sampled, free_scale, steps) for start in kept[:count]]
-        values = np.array([both_ways(found, points) for found in moved])
-        order = distinct(np.stack([m.R for m in moved]), np.argsort(values, kind="stable"), left, apart_deg=3.0)
+    for count, points, steps, most_kept in ROUNDS:
+        moved = [iterate(start, source_points[:points], sampled, free_scale, steps) for start in kept[:count]]
+        values = np.array([both_ways(candidate, points) for candidate in moved])
+        order = distinct(np.stack([m.R for m in moved]), np.argsort(values, kind="stable"), most_kept, apart_deg=3.0)
         kept = [moved[k] for k in order]
 
     exact: list[tuple[float, Similarity]] = []
     for start in kept:
-        fine = iterate(start, own[:3000], target_surface.closest, free_scale, steps=10)
-        value = float(target_surface.distance(fine.apply(own)).mean())
+        fine = iterate(start, source_points[:3000], target_surface.closest, free_scale, steps=10)
+        value = float(target_surface.distance(fine.apply(source_points)).mean())
         exact.append((value + fine.scale * float(source_surface.distance(fine.back(goal)).mean()), fine))
     best = min(exact, key=lambda pair: pair[0])[1]
     many = surface_samples(source, 10_000, seed + 2, measured)

@@ -262,12 +262,12 @@ def read_fused(run: Path | None, document: dict[str, Any]) -> dict[str, Any] | N
     if run is None or not Outputs(run).intact("crosscheck.json"):
         return None
     try:
-        found = json.loads((run / "crosscheck.json").read_text())
-        fused, k1 = found["fused"], float(found["mesh"]["k1"])
-        own = float(document["inertia_ratios"]["k1"])
+        crosscheck = json.loads((run / "crosscheck.json").read_text())
+        fused, k1 = crosscheck["fused"], float(crosscheck["mesh"]["k1"])
+        document_k1 = float(document["inertia_ratios"]["k1"])
     except (OSError, ValueError, KeyError, TypeError):
         return None
-    return fused if isinstance(fused, dict) and abs(k1 - own) < SAME else None
+    return fused if isinstance(fused, dict) and abs(k1 - document_k1) < SAME else None
 
 
 def in_frame(fused: dict[str, Any], transform: Similarity, density: float) -> MassProperties:

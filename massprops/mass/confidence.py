@@ -257,25 +257,25 @@ def _of_images(images: ImageEvidence) -> list[Finding]:
 
 def _of_placements(placements: PlacementEvidence, filled: float) -> list[Finding]:
     """Findings of a turned object; filled: share of the surface."""
-    found = []
+    findings = []
     if placements.turned and filled > FILLED:
-        found.append((2, _open_though_turned(filled)))
+        findings.append((2, _open_though_turned(filled)))
     if placements.alike:
-        found.append(
+        findings.append(
             (1, "two sides of the object look alike: if it was only moved, and not turned over, its shape is wrong")
         )
     if placements.unjoined:
         other = counted(placements.unjoined, "other placement", "other placements")
         shown = "what it shows" if placements.unjoined == 1 else "what they show"
-        found.append((1, f"{other} of the object could not be joined to the one used: {shown} is missing"))
+        findings.append((1, f"{other} of the object could not be joined to the one used: {shown} is missing"))
     if placements.differing:
-        found.append(
+        findings.append(
             (
                 2,
                 "measured in another placement alone, the object has another volume or other moments: one of the two is wrong",
             )
         )
-    return found
+    return findings
 
 
 def _known(half_width: float) -> str:

@@ -75,16 +75,16 @@ def read_document(path: Path) -> dict[str, Any]:
     """
     content = load_json(path)
     try:
-        found = read(MassFile, content, str(path))
+        mass_file = read(MassFile, content, str(path))
     except InputError as error:
         raise InputError(f"{error}: make the run again") from None
-    for body in (found, found.recommended):
+    for body in (mass_file, mass_file.recommended):
         if body is not None and (wrong := _impossible(body)):
             raise InputError(f"{path}: {wrong}: make the run again")
     # what holds for any body of one density, where the file leaves it out
-    content = {**_in_rows(content, found), "density": found.density or found.mass / found.volume}
-    if found.recommended is not None:
-        content["recommended"] = _in_rows(content["recommended"], found.recommended)
+    content = {**_in_rows(content, mass_file), "density": mass_file.density or mass_file.mass / mass_file.volume}
+    if mass_file.recommended is not None:
+        content["recommended"] = _in_rows(content["recommended"], mass_file.recommended)
     return content
 
 
@@ -101,8 +101,8 @@ def _impossible(body: MassFile | RecommendedFile) -> str:
         return "inertia is not symmetric"
     moments = np.linalg.eigvalsh(inertia)
     if not is_physical(moments):
-        said = ", ".join(f"{m:.4g}" for m in moments)
-        return f"principal moments {said} break the triangle inequality, so no body has them"
+        listed_moments = ", ".join(f"{m:.4g}" for m in moments)
+        return f"principal moments {listed_moments} break the triangle inequality, so no body has them"
     return (
         ""
         if np.allclose(axes.T @ axes, np.eye(3), atol=1e-6)

@@ -34,8 +34,8 @@ def mesh_integrals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     row[0] = six.sum() / 6.0
     row[1:4] = (six[:, None] * total).sum(0) / 24.0
     for k, (i, j) in enumerate(PAIRS):
-        own = a[:, i] * a[:, j] + b[:, i] * b[:, j] + c[:, i] * c[:, j]
-        row[4 + k] = (six * (own + total[:, i] * total[:, j])).sum() / 120.0
+        corner_products = a[:, i] * a[:, j] + b[:, i] * b[:, j] + c[:, i] * c[:, j]
+        row[4 + k] = (six * (corner_products + total[:, i] * total[:, j])).sum() / 120.0
     return shift_integrals(row, middle)
 
 

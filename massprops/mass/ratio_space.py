@@ -23,9 +23,9 @@ FLIPS = np.array([np.diag(s) for s in product((1.0, -1.0), repeat=3) if np.prod(
 
 def log_inertia(inertia: np.ndarray, axes: np.ndarray) -> np.ndarray:
     """(..., 3, 3) logarithm of inertias (..., 3, 3) in the frame whose axes are the columns of `axes` (3, 3)."""
-    moments, own = np.linalg.eigh(inertia)
+    moments, principal_axes = np.linalg.eigh(inertia)
     moments = np.maximum(moments, 1e-12 * moments[..., -1:])
-    turned = np.swapaxes(axes, -1, -2) @ own
+    turned = np.swapaxes(axes, -1, -2) @ principal_axes
     return np.einsum("...ik,...k,...jk->...ij", turned, np.log(moments), turned)
 
 
@@ -55,12 +55,16 @@ def covariance(
     Without a covariance of the turn its part is zero; the caller then leaves the axes out.
     """
     k = log_components(inertia, np.linalg.eigh(inertia)[1])[:2]
-    own = np.linalg.eigh(inertia)[1]
+    principal_axes = np.linalg.eigh(inertia)[1]
     # central differences in k; the turn's part is exact: dL = [t]L - L[t]
     h = 1e-5
     by_k = np.column_stack(
         [
-            (log_components(inertia_of(k + d, own), axes) - log_components(inertia_of(k - d, own), axes)) / (2 * h)
+            (
+                log_components(inertia_of(k + d, principal_axes), axes)
+                - log_components(inertia_of(k - d, principal_axes), axes)
+            )
+            / (2 * h)
             for d in h * np.eye(2)
         ]
     )
@@ -73,8 +77,8 @@ def covariance(
 
 def turn_jacobian(inertia: np.ndarray, axes: np.ndarray) -> np.ndarray:
     """(5, 3) derivative of `log_components` by a small turn of the body about body axes [rad]."""
-    moments, own = np.linalg.eigh(inertia)
-    L = own @ np.diag(np.log(moments)) @ own.T
+    moments, principal_axes = np.linalg.eigh(inertia)
+    L = principal_axes @ np.diag(np.log(moments)) @ principal_axes.T
     return _five(np.array([axes.T @ (cross @ L - L @ cross) @ axes for cross in skew(np.eye(3))])).T
 
 

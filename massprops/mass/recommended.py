@@ -52,8 +52,8 @@ def recommend(document: dict[str, Any], crosscheck: dict[str, Any]) -> dict[str,
     if not sharper:
         return by_mesh(document, "from the mesh alone: the motion agrees with it, but does not make it more certain")
     seen = (document.get("surface") or {}).get("observed_fraction") or 0.0
-    if seen > WELL_MEASURED and (left := _left_interval(document, fused)):
-        return by_mesh(document, f"from the mesh alone: combined with the motion, {left} would leave the interval of a "
+    if seen > WELL_MEASURED and (leaving := _left_interval(document, fused)):
+        return by_mesh(document, f"from the mesh alone: combined with the motion, {leaving} would leave the interval of a "
                                  f"mesh that was measured on {100 * seen:.0f} % of its surface")  # fmt: skip
     together = (
         f"from mesh and motion ({fused.get('with', 'motion')}) together: they agree, and together they give {sharper}"
@@ -73,12 +73,12 @@ def as_recommended(document: dict[str, Any]) -> dict[str, Any]:
 def quantities(document: dict[str, Any]) -> dict[str, tuple[float, Any]]:
     """Value and 90 % interval (None without) of each scalar of a document, by its name for people; I1 to I3 ascend."""
     bounds = document.get("interval_90") or {}
-    found = {name: (document[name], bounds.get(name)) for name in ("volume", "mass")}
+    by_name = {name: (document[name], bounds.get(name)) for name in ("volume", "mass")}
     for key, name in (("center_of_mass", "centre of mass {}"), ("principal_moments", "I{}")):
         ends = bounds.get(key) or [None] * 3
         each = "xyz" if key == "center_of_mass" else "123"
-        found |= {name.format(each[i]): (value, ends[i]) for i, value in enumerate(document[key])}
-    return found | {k: (document["inertia_ratios"][k], bounds.get(k)) for k in ("k1", "k2")}
+        by_name |= {name.format(each[i]): (value, ends[i]) for i, value in enumerate(document[key])}
+    return by_name | {k: (document["inertia_ratios"][k], bounds.get(k)) for k in ("k1", "k2")}
 
 
 def relative_width(values: dict[str, Any]) -> float | None:

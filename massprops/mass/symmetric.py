@@ -75,19 +75,19 @@ def undecided(symmetric: Sequence[dict[str, Any]], bounds: dict[str, list[Any]])
 def _sentence(one: dict[str, Any], body: MassProperties, images: int) -> str:
     """For example: symmetric: the body looks alike every 90 degrees about the axis of I1, so that 31 of 88 images ..."""
     alike, apart = len(one["images_alike"]), len(one["images_apart"])
-    said = (
+    sentence = (
         f"symmetric: the body looks alike every {360 / one['fold']:.0f} degrees about the axis of {one['about']}, so that "
         f"{alike} of {images} images would fit as well turned by as much; "
     )
     if not apart:
-        said += "what their neighbours in time show besides tells which way is right"
+        sentence += "what their neighbours in time show besides tells which way is right"
     else:
-        said += f"for {apart} of them nothing but their own matches tells which way is right"
+        sentence += f"for {apart} of them nothing but their own matches tells which way is right"
     other = one["candidates"]
     if len(other) < len(CANDIDATES):
-        return said
+        return sentence
     low, high = (100 * (other[name]["volume"] / body.volume - 1) for name in ("common", "together"))
     if max(-low, high) < 1.0:
-        return said + "; another placement would change no mass property, only the motion"
+        return sentence + "; another placement would change no mass property, only the motion"
     k = ", ".join(f"{n} {other['common'][n]:.3f} to {other['together'][n]:.3f}" for n in ("k1", "k2"))
-    return said + f"; placed otherwise, the volume would lie between {low:+.0f} and {high:+.0f} % of this one, {k}"
+    return sentence + f"; placed otherwise, the volume would lie between {low:+.0f} and {high:+.0f} % of this one, {k}"

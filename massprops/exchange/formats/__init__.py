@@ -40,6 +40,6 @@ class Format(Protocol):
 @cache
 def formats() -> dict[str, Format]:
     """Every format by its name."""
-    found = {module.NAME: module for module in modules_of(__name__)}
-    found |= packaged("massprops.formats", faults_by(WANTED), found)[0]
-    return cast("dict[str, Format]", dict(sorted(found.items())))
+    by_name = {module.NAME: module for module in modules_of(__name__)}
+    by_name |= packaged("massprops.formats", faults_by(WANTED), by_name)[0]
+    return cast("dict[str, Format]", dict(sorted(by_name.items())))

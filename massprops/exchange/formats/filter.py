@@ -104,13 +104,13 @@ def _of_footage(body: Body, run: Path) -> dict[str, Any]:
         sequence = read_sequence(run)
     except InputError:
         return {}
-    found: dict[str, Any] = {}
+    entries: dict[str, Any] = {}
     if (attitude := sequence.attitude) is not None and len(attitude.q) > 2:
         rows = np.unique(np.linspace(0, len(attitude.q) - 1, MARKS).astype(int))
         mark = [[int(attitude.timestamp_ns[i]), *attitude.q[i].tolist()] for i in rows]
-        found["frame"] = {"kind": "attitude0 of the run's sequence", "mark": mark}
+        entries["frame"] = {"kind": "attitude0 of the run's sequence", "mark": mark}
         times = (attitude.timestamp_ns - attitude.timestamp_ns[0]) * 1e-9
-        found["process_noise"] = float(DRIFT * typical_rate(times, attitude.q) / np.sqrt(times[-1]))
+        entries["process_noise"] = float(DRIFT * typical_rate(times, attitude.q) / np.sqrt(times[-1]))
     if sequence.tracks is not None and 0 in sequence.cameras:
         points = sparse_points(run)
         if points is not None:
@@ -125,13 +125,13 @@ def _of_footage(body: Body, run: Path) -> dict[str, Any]:
                 reach = float(np.median(np.linalg.norm(xyz - body.center_of_mass, axis=1)))
                 far = _distance(run, body)
                 sigma = (camera.sigma_px or 0.5) / float(camera.intrinsics[0]) * far
-                found["features"] = {
+                entries["features"] = {
                     "units": "m" if body.metric else "model",
                     "sigma": float(max(sigma, 1e-4 * reach)),
                     "ids": ids[best].tolist(),
                     "xyz": np.round(xyz[best] - body.center_of_mass, 9).tolist(),
                 }
-    return found
+    return entries
 
 
 def typical_rate(times: np.ndarray, q: np.ndarray) -> float:

@@ -15,11 +15,11 @@ MESHES = False
 
 def render(body: Body, meshes: Mapping[str, str]) -> str:
     """The document as text; mass and inertia are the body's own, should a mass have been given."""
-    own = {"name": body.name, "convention": CONVENTION, "remarks": list(body.remarks[1:])}
+    heading = {"name": body.name, "convention": CONVENTION, "remarks": list(body.remarks[1:])}
     restated = {
         "mass": body.mass,
         "inertia": body.inertia.tolist(),
         "density": body.mass / body.document["volume"],
         "principal_moments": [m * body.mass / body.document["mass"] for m in body.document["principal_moments"]],
     }
-    return json.dumps({**own, **body.document, **restated}, indent=2) + "\n"
+    return json.dumps({**heading, **body.document, **restated}, indent=2) + "\n"
