@@ -129,12 +129,12 @@ def _check(
     from massprops.estimators.estimate import estimate_all
     from massprops.sequence.read import read_sequence
 
-    own = sequence is None
-    if own and not (folder / "sequence").is_dir():
+    from_run = sequence is None
+    if from_run and not (folder / "sequence").is_dir():
         raise InputError(f"{folder}: no sequence/ in this run: give one of the same footage with --sequence")
     frame = frame_of(folder) if (folder / "sequence").is_dir() else None
     footage = read_sequence(folder if sequence is None else sequence)
-    if footage.attitude is None and footage.rates is None and (own or footage.tracks is None):
+    if footage.attitude is None and footage.rates is None and (from_run or footage.tracks is None):
         return CrossCheck(folder, document(mesh, [], judge.unobservable(STILL)), warnings=footage.warnings)
     watched = frame if frame is not None and len(frame.stamp_ns) else None
     tumble = None if watched is None else tumble_of(watched.stamp_ns, watched.q, watched.sigma)
@@ -147,11 +147,11 @@ def _check(
     centre, slides = _centre(folder, mesh, frame)
     compared = []
     for e in outcome.estimates:
-        tie = None if frame is None else to_mesh_axes(e, outcome.problem, frame, own)
+        tie = None if frame is None else to_mesh_axes(e, outcome.problem, frame, from_run)
         scaled = mesh.document["units"]["length"] == "m" and (outcome.problem.stereo or outcome.problem.has_range)
         scale = scale_against(e, frame) if frame is not None and scaled else None
         compared.append(judge.compare_one(e, mesh, tie, scale, None if slides is None else slides.inertia))
-    film = film_estimate(folder, mesh.axes) if own else None
+    film = film_estimate(folder, mesh.axes) if from_run else None
     if film is not None:
         compared.insert(0, judge.compare_tied(film[0], mesh, (np.eye(3), "attitude0"), film[1]))
     best = judge.reference_of(compared)
@@ -241,12 +241,12 @@ def _residuals(frame: Any, mesh: Any, best: Any) -> dict[str, Any]:
     if best is not None and best.turn is not None:
         inertias["motion"] = best.turn @ best.found.inertia @ best.turn.T
     for name, inertia in inertias.items():
-        left = free_rotation_residuals(times, frame.q, frame.sigma, inertia)
-        z = left / frame.sigma[:, None]
+        residual_turns = free_rotation_residuals(times, frame.q, frame.sigma, inertia)
+        z = residual_turns / frame.sigma[:, None]
         out[name] = {
-            "turn_deg": np.degrees(left[keep]).round(6).tolist(),
+            "turn_deg": np.degrees(residual_turns[keep]).round(6).tolist(),
             "rms": float(np.sqrt(np.mean(z**2))),
-            "rms_deg": float(np.degrees(np.sqrt(np.mean(np.sum(left**2, axis=1))))),
+            "rms_deg": float(np.degrees(np.sqrt(np.mean(np.sum(residual_turns**2, axis=1))))),
         }
     return out
 

@@ -40,9 +40,9 @@ def centre_drift(views: Views, stamp_ns: np.ndarray, pixels: float, mesh: MeshSi
     rng, moved = np.random.default_rng(0), [np.zeros(3)]
     for _ in range(DRAWS):
         turned = rotation_matrix(multiply(from_rotation_vector(share * slow(times, rng)), q))
-        found = centre_of_motion(stamp_ns, turned, t + shift * slow(times, rng), mesh.length)
-        if found is not None:
-            moved.append(found.place - here.place)
+        drifted_centre = centre_of_motion(stamp_ns, turned, t + shift * slow(times, rng), mesh.length)
+        if drifted_centre is not None:
+            moved.append(drifted_centre.place - here.place)
     return np.asarray(np.transpose(moved) @ np.array(moved) / len(moved))
 
 

@@ -38,16 +38,16 @@ def film_estimate(run: Path, axes: np.ndarray) -> tuple[Estimate, np.ndarray] | 
             inertia, covariance = z["inertia"], z["inertia_covariance"]
     except (OSError, ValueError, KeyError):
         return None
-    moments, own = np.linalg.eigh(inertia)
-    log = np.einsum("ij,kij->k", own @ np.diag(np.log(moments)) @ own.T, BASIS)
+    moments, film_axes = np.linalg.eigh(inertia)
+    log = np.einsum("ij,kij->k", film_axes @ np.diag(np.log(moments)) @ film_axes.T, BASIS)
 
     def components(frame: np.ndarray) -> np.ndarray:
         ends = [log_components(inertia_of_log(log + s * STEP * np.eye(5)), frame) for s in (1, -1)]
         slope = (ends[0] - ends[1]).T / (2 * STEP)
         return np.asarray(slope @ covariance @ slope.T) + FLOOR**2 * np.eye(5)
 
-    of_own = components(own)
-    k = log_components(inertia, own)[:2]
+    of_own = components(film_axes)
+    k = log_components(inertia, film_axes)[:2]
     gap = np.array([k[1], k[0] + k[1], k[0]])
     sigma = np.sqrt(np.diag(of_own)[:2])
     shows = bool(sigma.max() <= LARGEST_SIGMA_K)
@@ -60,8 +60,10 @@ def film_estimate(run: Path, axes: np.ndarray) -> tuple[Estimate, np.ndarray] | 
         k2=float(k[1]) if shows else None,
         k_covariance=of_own[:2, :2],
         inertia=inertia / np.trace(inertia),
-        principal_axes=own,
-        axes_covariance=own @ (of_own[2:, 2:] / np.outer(gap, gap)) @ own.T if np.abs(gap).min() > 0 else None,
+        principal_axes=film_axes,
+        axes_covariance=film_axes @ (of_own[2:, 2:] / np.outer(gap, gap)) @ film_axes.T
+        if np.abs(gap).min() > 0
+        else None,
         body_frame="attitude0",
         reliable=True,
         memory_counted=True,

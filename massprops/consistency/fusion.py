@@ -81,10 +81,12 @@ def read_draws(run: Path, mesh: MeshSide) -> Draws | None:
     replicates = read_replicates(run)
     if replicates is None:
         return None
-    own = (scale.source or "none") in OWN_LENGTH
+    own_length = (scale.source or "none") in OWN_LENGTH
     rng = np.random.default_rng([scale.seed or 0, 5])
     sigma = scale.relative_sigma or 0.0
-    drawn = scaled_replicates(replicates.rows, replicates.lengths, replicates.length, mesh.factor, sigma, own, rng)
+    drawn = scaled_replicates(
+        replicates.rows, replicates.lengths, replicates.length, mesh.factor, sigma, own_length, rng
+    )
     density = float(mesh.document["density"])
     _, centres, inertias = central_inertia(drawn, density)
     good = (drawn[:, 0] > 0) & (np.linalg.eigvalsh(inertias)[:, 0] > 0)
@@ -230,8 +232,8 @@ def averaged(draws: Draws, motion: Measured) -> tuple[np.ndarray, np.ndarray]:
     replicates = np.empty_like(apart)
     for k, t in enumerate(tried):
         rows = under == k
-        left = t.shape * apart[rows]
-        replicates[rows] = moved[k] + left - (left @ H.T + t.motion * noise[rows]) @ t.gain.T
+        remaining_spread = t.shape * apart[rows]
+        replicates[rows] = moved[k] + remaining_spread - (remaining_spread @ H.T + t.motion * noise[rows]) @ t.gain.T
     return estimate, replicates + (estimate - weight @ moved)
 
 

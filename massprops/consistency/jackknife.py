@@ -41,11 +41,13 @@ def replicates(views: Views, points: SparsePoints) -> Iterator[Replicate]:
     n = len(views)
     label = regions(points.xyz, np.bincount(points.obs_point, minlength=len(points.xyz)))
     H, g = _normal_equations(views, points, label[points.obs_point])
-    left = np.bincount(points.obs_view * (int(label.max()) + 1) + label[points.obs_point], minlength=H[:, :, 0, 0].size)
-    left = left.reshape(n, -1).sum(axis=1, keepdims=True) - left.reshape(n, -1)
+    remaining = np.bincount(
+        points.obs_view * (int(label.max()) + 1) + label[points.obs_point], minlength=H[:, :, 0, 0].size
+    )
+    remaining = remaining.reshape(n, -1).sum(axis=1, keepdims=True) - remaining.reshape(n, -1)
     for region in range(H.shape[1]):
         A, b = H.sum(axis=1) - H[:, region], g.sum(axis=1) - g[:, region]
-        known = left[:, region] >= FEWEST_FEATURES
+        known = remaining[:, region] >= FEWEST_FEATURES
         step = np.zeros((n, 6))
         damped = (
             A + 1e-9 * np.trace(A, axis1=1, axis2=2)[:, None, None] * np.eye(6) + (~known)[:, None, None] * np.eye(6)

@@ -43,15 +43,15 @@ def enter_verdict(outputs: Outputs, verdict: dict[str, Any]) -> dict[str, Any] |
     Returns:
         the confidence, or None where the run has none of its own.
     """
-    path, own = outputs.folder / "massprops.json", outputs.folder / "work" / "mass" / "massprops.json"
+    path, mass_stage_file = outputs.folder / "massprops.json", outputs.folder / "work" / "mass" / "massprops.json"
     entry = outputs.files.get("massprops.json")
-    if entry is None or entry["by"] != BY or not own.is_file() or not outputs.intact("work/mass"):
+    if entry is None or entry["by"] != BY or not mass_stage_file.is_file() or not outputs.intact("work/mass"):
         return None
     document = json.loads(path.read_text())
-    changed = judged(document, json.loads(own.read_text()), verdict)
+    changed = judged(document, json.loads(mass_stage_file.read_text()), verdict)
     if changed != document:
         write_json(outputs.staging() / "massprops.json", changed)
         rest = [name for name, e in outputs.files.items() if e["by"] == BY and name != "massprops.json"]
         outputs.publish(BY, entry["key"], keep=rest, keep_old=False)
-    found: dict[str, Any] | None = changed.get("confidence")
-    return found
+    confidence: dict[str, Any] | None = changed.get("confidence")
+    return confidence

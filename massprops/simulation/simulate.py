@@ -229,7 +229,7 @@ def _ranges(scenario: Scenario, path: Any, rng: np.random.Generator) -> RangeSer
 
 
 def _truth(scenario: Scenario, body: Any, path: Any, length: float, seen: float) -> dict[str, Any]:
-    motion, own = ratios(path.inertia)[0], body.values()
+    motion, properties = ratios(path.inertia)[0], body.values()
     return {
         "timestamp_ns": path.timestamp_ns,
         "position": path.position,
@@ -237,10 +237,10 @@ def _truth(scenario: Scenario, body: Any, path: Any, length: float, seen: float)
         "w": path.w,
         "mesh": "mesh.ply",
         "density": body.density,
-        **{key: own[key] for key in ("volume", "mass")},
+        **{key: properties[key] for key in ("volume", "mass")},
         "centre_of_mass_m": [0.0, 0.0, 0.0],
-        **{key: own[key] for key in ("inertia", "principal_moments", "principal_axes")},
-        **own["inertia_ratios"],
+        **{key: properties[key] for key in ("inertia", "principal_moments", "principal_axes")},
+        **properties["inertia_ratios"],
         "motion_centre_of_mass_m": path.centre.tolist(),
         "motion_inertia": path.inertia.tolist(),
         "motion_k1": float(motion[0]),
