@@ -57,13 +57,13 @@ def _summed(seen: Scores, label: np.ndarray) -> np.ndarray:
     """
     total = np.zeros((seen.score.shape[1],) * 2)
     for one in np.unique(label):
-        own = label == one
-        slope = seen.slope[own].reshape(-1, total.shape[0]) @ seen.root.T
+        in_cluster = label == one
+        slope = seen.slope[in_cluster].reshape(-1, total.shape[0]) @ seen.root.T
         share, directions = np.linalg.eigh(slope.T @ slope)
         # in units of the whole information: what is left without the cluster
-        left = 1.0 / np.clip(1.0 - share, LEAST_LEFT, 1.0)
-        unit = seen.root @ seen.score[own].sum(axis=0)
-        moved = np.linalg.solve(seen.root, directions @ (left * (directions.T @ unit)))
+        without_cluster = 1.0 / np.clip(1.0 - share, LEAST_LEFT, 1.0)
+        unit = seen.root @ seen.score[in_cluster].sum(axis=0)
+        moved = np.linalg.solve(seen.root, directions @ (without_cluster * (directions.T @ unit)))
         total += np.outer(moved, moved)
     count = len(np.unique(label))
     return total * (count - 1) / count

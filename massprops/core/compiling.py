@@ -56,5 +56,5 @@ def compiled(entry: str, *modules: str, fastmath: bool = True, one_piece: bool =
                     no_cpython_wrapper=inner,
                     no_cfunc_wrapper=True,
                 )
-    found: Callable[..., Any] = scope[entry]
-    return found
+    entry_function: Callable[..., Any] = scope[entry]
+    return entry_function

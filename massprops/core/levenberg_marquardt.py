@@ -60,16 +60,16 @@ def descend(
     value = damping.start
     for _ in range(most):
         cost, equations = linearise(place)
-        found = None
+        trial = None
         for _ in range(damping.tries):
-            found = step(place, equations, value) if value < damping.most else None
-            if found is None or found[0] < cost:
+            trial = step(place, equations, value) if value < damping.most else None
+            if trial is None or trial[0] < cost:
                 break
-            found, value = None, value * damping.raised
-        if found is None:
+            trial, value = None, value * damping.raised
+        if trial is None:
             yield Step(place, cost, 0.0, value)
             return
-        (after, place), value = found, max(value / damping.lowered, damping.least)
+        (after, place), value = trial, max(value / damping.lowered, damping.least)
         yield Step(place, after, cost - after, value)
 
 

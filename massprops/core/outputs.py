@@ -141,9 +141,9 @@ class Outputs:
             path = self.folder / name
             self._check_place(name)
             self._check_parents(path)
-            own = self._owner(name) == by or self.folders.get(name.rstrip("/")) == by
+            owned = self._owner(name) == by or self.folders.get(name.rstrip("/")) == by
             for source in given:
-                _refuse_input(path, source, own)
+                _refuse_input(path, source, owned)
         for name in names:
             path = self.folder / name
             if not name.endswith("/"):
@@ -527,24 +527,24 @@ def _unwritable(folder: Path, error: OSError) -> InputError:
 
 def _read(path: Path) -> dict[str, Any]:
     """Reads and checks a record: a manipulated record must not lead to files outside the folder."""
-    found: dict[str, Any] = {"files": {}, "trees": {}, "folders": {}, "pending": None}
+    record: dict[str, Any] = {"files": {}, "trees": {}, "folders": {}, "pending": None}
     try:
         refuse_special(path)
         if path.stat().st_size > LARGEST_RECORD:
             raise ValueError
         content = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        return found
+        return record
     except NotADirectoryError:
-        return found
+        return record
     except (OSError, ValueError, RecursionError):
         raise _no_record(path) from None
     try:
         if content["format"] != FORMAT:
             raise ValueError
         for part in ("files", "trees", "folders"):
-            found[part] = {_inside(name): entry for name, entry in content[part].items()}
-        entries = [*found["files"].values(), *found["trees"].values()]
+            record[part] = {_inside(name): entry for name, entry in content[part].items()}
+        entries = [*record["files"].values(), *record["trees"].values()]
         pending = content.get("pending")
         if pending is not None:
             entries += list(pending["files"].values())
@@ -552,14 +552,14 @@ def _read(path: Path) -> dict[str, Any]:
                 _inside(f"{by}/{name}")
             for name in (*pending["files"], *pending["gone"]):
                 _inside(name)
-            found["pending"] = pending
+            record["pending"] = pending
         for entry in entries:
             if not {"by", "key", "sha256"} <= set(entry) or not isinstance(entry["by"], str):
                 raise ValueError
             _inside(entry["by"])
     except (KeyError, TypeError, ValueError, AttributeError):
         raise _no_record(path) from None
-    return found
+    return record
 
 
 def _no_record(path: Path) -> InputError:

@@ -49,13 +49,13 @@ class Parts:
             return make()
         name = self.prefix + name
         path = self.folder / hashlib.sha256(name.encode("utf-8", "surrogateescape")).hexdigest()[:24]
-        found = self._read(name, path)
-        if found is None:
-            found = make()
+        arrays = self._read(name, path)
+        if arrays is None:
+            arrays = make()
             with contextlib.suppress(OSError):  # what cannot be kept costs time, if anything
                 make_folder(self.folder)
-                write_whole(path, _packed(found))
-        return found
+                write_whole(path, _packed(arrays))
+        return arrays
 
     def _read(self, name: str, path: Path) -> Arrays | None:
         import numpy as np

@@ -34,8 +34,8 @@ def child_environment(**more: str) -> dict[str, str]:
     unless massprops itself lies there. The environment also names the parent; see `die_with_parent`.
     """
     here = os.path.realpath(Path.cwd())
-    own = os.path.realpath(Path(__file__).parents[2])
-    entries = [p for p in sys.path if p and (os.path.realpath(p) != here or here == own)]
+    package_root = os.path.realpath(Path(__file__).parents[2])
+    entries = [p for p in sys.path if p and (os.path.realpath(p) != here or here == package_root)]
     own_words = {"PYTHONPATH": os.pathsep.join(entries), "PYTHONSAFEPATH": "1", PARENT: str(os.getpid())}
     return {**os.environ, **own_words, **more}
 
@@ -187,14 +187,14 @@ def address_space_hint() -> str:
 
 def memory_there_is() -> int | None:
     """Memory of the machine or the container [bytes]; None if not known."""
-    found = []
+    limits = []
     try:
-        found.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+        limits.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
     except (ValueError, OSError):
         return None
     for name in ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"):
         try:
-            found.append(int(Path(name).read_text()))
+            limits.append(int(Path(name).read_text()))
         except (OSError, ValueError):
             continue
-    return min(v for v in found if v > 0)
+    return min(v for v in limits if v > 0)
