@@ -197,8 +197,8 @@ def lay(
         anywhere: where no features agree there, they are looked for in turns all over the sphere.
     """
     both = _Both(first, second)
-    found = [agreed for R, t in starts if (agreed := both.agreed(R, t)) is not None]
-    best = max(found, key=lambda a: a.count, default=None)
+    agreements = [agreed for R, t in starts if (agreed := both.agreed(R, t)) is not None]
+    best = max(agreements, key=lambda a: a.count, default=None)
     if best is None and anywhere:
         best = both.anywhere()
     if best is None:
@@ -229,15 +229,15 @@ def contradicted(first: Side, second: Side, R: np.ndarray, t: np.ndarray, overla
     Args:
         overlap: share of the measured points of either that the other's photographs would show.
     """
-    found = _borne_out(first, second, R, t)
-    return found is not None and found[0] < BORNE_OUT * overlap
+    ratios = _borne_out(first, second, R, t)
+    return ratios is not None and ratios[0] < BORNE_OUT * overlap
 
 
 def same_surface(first: Side, second: Side, R: np.ndarray, t: np.ndarray) -> bool | None:
     """Whether as many features agree on how the second placement is laid, x by R x + t, as if both showed the same side; None of too
     few."""
-    found = _borne_out(first, second, R, t)
-    return None if found is None else found[1] > SAME_SURFACE
+    ratios = _borne_out(first, second, R, t)
+    return None if ratios is None else ratios[1] > SAME_SURFACE
 
 
 def _borne_out(first: Side, second: Side, R: np.ndarray, t: np.ndarray) -> tuple[float, float] | None:
@@ -245,11 +245,13 @@ def _borne_out(first: Side, second: Side, R: np.ndarray, t: np.ndarray) -> tuple
     the first; None of too few.
     """
     matches = _Both(first, second).matches(R, t)
-    own = _Both(*(first.take(np.arange(k, len(first.views), 2)) for k in (0, 1))).matches(np.eye(3), np.zeros(3))
-    if min(len(matches[0]), len(own[0])) < LEAST_COMPARED:
+    matches_within = _Both(*(first.take(np.arange(k, len(first.views), 2)) for k in (0, 1))).matches(
+        np.eye(3), np.zeros(3)
+    )
+    if min(len(matches[0]), len(matches_within[0])) < LEAST_COMPARED:
         return None
     near = AGREES_PX * first.pixel
-    agree, usual = (_consensus(*m, near, np.random.default_rng(51))[0] for m in (matches, own))
+    agree, usual = (_consensus(*m, near, np.random.default_rng(51))[0] for m in (matches, matches_within))
     if not usual.any():
         return None
     return float(agree.mean() / usual.mean()), float(agree.sum() / usual.sum())
@@ -313,10 +315,10 @@ class _Both:
 
         best = None
         for R in Rotation.create_group("I").as_matrix():
-            found = self.agreed(R, self.first.middle - R @ self.second.middle, coarse=True)
-            if found is not None and (best is None or found.count > best.count):
-                best = found
-                if found.share > ENOUGH_AGREE:
+            agreed = self.agreed(R, self.first.middle - R @ self.second.middle, coarse=True)
+            if agreed is not None and (best is None or agreed.count > best.count):
+                best = agreed
+                if agreed.share > ENOUGH_AGREE:
                     break
         return best
 
@@ -516,13 +518,13 @@ def _tracks(drawn: list[tuple[list[_Drawn], list[_Drawn]]], n: int, gate: float)
     graph = coo_matrix((np.ones(len(pair)), pair.T), shape=(before, before))
     point = connected_components(graph, directed=False)[1]
     where, size = np.concatenate(view), int(point.max()) + 1
-    sides = [np.bincount(point[own], minlength=size) for own in (where < n, where >= n)]
+    sides = [np.bincount(point[in_placement], minlength=size) for in_placement in (where < n, where >= n)]
     # a track with two features of one image is two
     code, count = np.unique(point.astype(np.int64) * (where.max() + 1) + where, return_counts=True)
     single = np.bincount(code // (where.max() + 1), count > 1, size) == 0
     good = (sides[0] > 0) & (sides[1] > 0) & single
-    found = _Tracks(where, np.concatenate(uv), point, size).keep(good)
-    return found if found.count >= LEAST_TRACKS else None
+    tracks = _Tracks(where, np.concatenate(uv), point, size).keep(good)
+    return tracks if tracks.count >= LEAST_TRACKS else None
 
 
 def _adjusted(first: Side, second: Side, R: np.ndarray, t: np.ndarray, tracks: _Tracks) -> Laid | None:
@@ -595,8 +597,8 @@ class _Problem:
         d = at - self.about
         cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = d[:, 2], -d[:, 1], d[:, 0]
         cross -= np.transpose(cross, (0, 2, 1))
-        own = -np.concatenate([by_point @ cross, by_point], axis=2)
-        return value, by_point, np.where(self.of_second[:, None, None], own, 0.0)
+        by_pose = -np.concatenate([by_point @ cross, by_point], axis=2)
+        return value, by_point, np.where(self.of_second[:, None, None], by_pose, 0.0)
 
     def solved(self, R: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Turn, shift, residuals (k, 2) and the covariance (6, 6) of the first two (Gauss-Newton, Cauchy loss)."""

@@ -73,18 +73,18 @@ def _worst_branch(ids: list[int], count: np.ndarray, like: np.ndarray, lost: set
     """The smaller part of the tree without the edge across which images from like directions share least; empty where all share
     enough."""
     kept = np.array([i for i, n in enumerate(ids) if n not in lost])
-    own, near = count[np.ix_(kept, kept)], like[np.ix_(kept, kept)]
-    tree = minimum_spanning_tree(coo_matrix(np.where(own > 0, 1 / np.maximum(own, 1), 0))).tocoo()
-    least = FEW * float(np.median(own[near])) if near.any() else 0.0
+    shared, near = count[np.ix_(kept, kept)], like[np.ix_(kept, kept)]
+    tree = minimum_spanning_tree(coo_matrix(np.where(shared > 0, 1 / np.maximum(shared, 1), 0))).tocoo()
+    least = FEW * float(np.median(shared[near])) if near.any() else 0.0
     worst: set[int] = set()
     for k in range(tree.nnz):
         others = np.arange(tree.nnz) != k
-        cut = coo_matrix((tree.data[others], (tree.row[others], tree.col[others])), shape=own.shape)
+        cut = coo_matrix((tree.data[others], (tree.row[others], tree.col[others])), shape=shared.shape)
         part = connected_components(cut, directed=False)[1]
         branch = part == part[tree.row[k]]
         across = near & (branch[:, None] != branch[None])
-        if across.any() and own[across].mean() < least:
-            least = float(own[across].mean())
+        if across.any() and shared[across].mean() < least:
+            least = float(shared[across].mean())
             smaller = branch if 2 * branch.sum() <= len(kept) else ~branch
             worst = {ids[i] for i in kept[smaller]}
     return worst

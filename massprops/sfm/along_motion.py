@@ -94,16 +94,16 @@ def follow_free_motion(
     clock, worst = given.footage.times.__getitem__, np.inf
     try:
         for k in range(STARTS):
-            found = _followed(model, clock, replace(given, work=given.work / f"start{k}"))
-            if found is None:
+            followed = _followed(model, clock, replace(given, work=given.work / f"start{k}"))
+            if followed is None:
                 return None
-            model, tumble = found
-            own, worse = _own_poses(model, tumble, clock, given)
+            model, tumble = followed
+            free_model, worse = _own_poses(model, tumble, clock, given)
             if worse < WORSE:
                 return model, Following(tumble, clock, given.footage)
             if not worse < NEARER * worst:
                 return None
-            model, worst = own, worse
+            model, worst = free_model, worse
     except NotPossible:
         pass
     return None
@@ -189,8 +189,8 @@ def refine_along(
         take_out(model, options.given_focal)
     hold_to_tumble(model, tumble, clock, loss)
     model.update_point_3d_errors()
-    found = tumble_precision(inner, tumble, clock, loss, free_focal, to_views(model)[0].names)
-    return Refined(honest(found), dict[int, LensChoice]())
+    precision = tumble_precision(inner, tumble, clock, loss, free_focal, to_views(model)[0].names)
+    return Refined(honest(precision), dict[int, LensChoice]())
 
 
 @dataclass(frozen=True)
@@ -210,7 +210,7 @@ def _first(model: pycolmap.Reconstruction, clock: Callable[[str], float]) -> _St
     parts = _stretches(time)
     if not parts:
         return None
-    pieces = [Piece(time[own], views.R[own], views.t[own] + views.R[own] @ middle) for own in parts]
+    pieces = [Piece(time[stretch], views.R[stretch], views.t[stretch] + views.R[stretch] @ middle) for stretch in parts]
     # across a gap the rates may be far from straight: the longest stretch tells the motion, and the others about that
     rotation = fit_rotation(pieces[:1], robust=True)
     rotation = fit_rotation(pieces, robust=True, about=rotation.motion)
@@ -221,10 +221,10 @@ def _first(model: pycolmap.Reconstruction, clock: Callable[[str], float]) -> _St
     if not np.all(centres.scale > 0):
         return None
     at, scale = [], dict[str, float]()
-    for own, piece, size, C, shift in zip(parts, pieces, centres.scale, rotation.C, centres.shift, strict=True):
+    for stretch, piece, size, C, shift in zip(parts, pieces, centres.scale, rotation.C, centres.shift, strict=True):
         centre = C.T @ (centres.centre - shift) / size
         at.append(size * (piece.R @ centre + piece.t))
-        scale |= dict.fromkeys((views.names[i] for i in own), float(size))
+        scale |= dict.fromkeys((views.names[i] for i in stretch), float(size))
     used = time[np.concatenate(parts)]
     shifts = np.concatenate(at) - rotation.motion.attitudes(used)[0] @ centres.centre
     return _Start(fit_line(rotation.motion, used, shifts, slimness), scale)
@@ -263,31 +263,31 @@ def _matched(
     clock: Callable[[str], float],
 ) -> pycolmap.Reconstruction:
     """The model at the poses of the motion, with tracks from matches where these predict them."""
-    found = given.found
+    attempt = given.found
     views, ids = to_views(model)
     points = to_points(model, ids)
-    names = [f.name for f in given.footage.frames if f.name in found.features and f.name in chosen]
+    names = [f.name for f in given.footage.frames if f.name in attempt.features and f.name in chosen]
     R, t = start.tumble.poses(np.array([clock(n) for n in names]))
     moved = replace(views.take(np.zeros(len(names), int)), names=tuple(names), R=R, t=t)
     placed = _depths(views, points, moved, start, given)
-    units = {n: unit(found.features[n][1]) for n in names}
+    units = {n: unit(attempt.features[n][1]) for n in names}
     row = {n: k for k, n in enumerate(names)}
     middle = replace(points, xyz=start.tumble.centre[None])
     matches = {
         (a, b): match_placed(moved, (row[a], row[b]), (placed[a], placed[b]), (units[a], units[b]), gate)
         for a, b in pairs_to_compare(moved, middle, given.footage, given.options, NEXT + 1)
     }
-    number = image_numbers(found.database)
-    forget(found.database, list(number.values()), set(number.values()))
-    verify(found.database, number, matches, found.mapping)
+    number = image_numbers(attempt.database)
+    forget(attempt.database, list(number.values()), set(number.values()))
+    verify(attempt.database, number, matches, attempt.mapping)
     out = pycolmap.Reconstruction()
     camera_id = model.image(ids[0]).camera_id
     out.add_camera_with_trivial_rig(model.camera(camera_id))
     for name, turned, shift in zip(names, R, t, strict=True):
-        places = found.features[name][0][:, :2].astype(float)
+        places = attempt.features[name][0][:, :2].astype(float)
         image = pycolmap.Image(name=name, camera_id=camera_id, image_id=number[name], keypoints=places)
         out.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pycolmap.Rotation3d(turned), shift))
-    return retriangulate(out, found.database, given.frames, given.work, found.mapping)
+    return retriangulate(out, attempt.database, given.frames, given.work, attempt.mapping)
 
 
 def _depths(views: Views, points: SparsePoints, moved: Views, start: _Start, given: ModelInputs) -> dict[str, Placed]:
@@ -299,8 +299,8 @@ def _depths(views: Views, points: SparsePoints, moved: Views, start: _Start, giv
     for k, name in enumerate(moved.names):
         uv = given.found.features[name][0][:, :2] - 0.5
         if name in row:
-            own = place(views, points, row[name], uv)
-            out[name] = replace(own, depth=start.scale.get(name, 1.0) * own.depth)
+            placed = place(views, points, row[name], uv)
+            out[name] = replace(placed, depth=start.scale.get(name, 1.0) * placed.depth)
         else:
             both = Views.joined([views, moved.take(np.array([k]))])
             lent = place(both, points, len(views), uv, lent=True)
@@ -323,10 +323,10 @@ def _own_poses(
     loss = robust_loss(model, given.options.refine)
     adjust_tumble(both[0], tumble, clock, loss, free_focal)
     adjust(both[1], free_focal, False, loss, mapping.threads, 60, mapping.constant)
-    bound, own = (_cost(m, loss) for m in both)
+    bound, unbound = (_cost(m, loss) for m in both)
     poses = 6 * model.num_reg_images()
-    left = 2 * model.compute_num_observations() - 3 * model.num_points3D() - poses
-    gain = (bound / own - 1) * left / (poses - MOTION - LINE) if left > 0 else np.inf
+    degrees_of_freedom = 2 * model.compute_num_observations() - 3 * model.num_points3D() - poses
+    gain = (bound / unbound - 1) * degrees_of_freedom / (poses - MOTION - LINE) if degrees_of_freedom > 0 else np.inf
     return both[1], gain
 
 

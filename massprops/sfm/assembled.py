@@ -52,9 +52,9 @@ def assemble(parts: Sequence[Part], sightings: Sequence[Sighting] = ()) -> pycol
     extra: dict[int, list[np.ndarray]] = {}
     index: dict[tuple[int, int], list[tuple[int, int]]] = {}
     for s in sightings:
-        own = extra.setdefault(s.image, [])
-        index.setdefault((s.part, s.point), []).append((s.image, len(own)))
-        own.append(s.uv + 0.5)
+        image_places = extra.setdefault(s.image, [])
+        index.setdefault((s.part, s.point), []).append((s.image, len(image_places)))
+        image_places.append(s.uv + 0.5)
     before: dict[int, int] = {}
     for model, ids, to in parts:
         for image_id in sorted(ids):

@@ -29,9 +29,9 @@ def drop_outline_points(model: pycolmap.Reconstruction, footage: FootageRecord) 
     near = np.zeros(len(points.obs_view), bool)
     for i, name in enumerate(views.names):
         mask = read_mask(footage, name, footage.size(frames[name]))
-        own = np.flatnonzero(points.obs_view == i)
-        if mask is not None and len(own):
-            near[own] = _near_outline(mask, points.obs_uv[own])
+        of_view = np.flatnonzero(points.obs_view == i)
+        if mask is not None and len(of_view):
+            near[of_view] = _near_outline(mask, points.obs_uv[of_view])
     seen = np.bincount(points.obs_point, minlength=len(points.id))
     of_outlines = np.bincount(points.obs_point, near, len(points.id)) > 0.5 * seen
     for point_id in points.id[of_outlines].tolist():

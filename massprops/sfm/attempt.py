@@ -229,7 +229,7 @@ def attempt(
         if len(first) == len(names) * (len(names) - 1) // 2:
             raise
     few = not repeats and float(np.median([len(d) for d in descriptors])) < FEW
-    found = Attempt(
+    outcome = Attempt(
         database=database,
         mapping=mapping,
         models=models,
@@ -240,9 +240,9 @@ def attempt(
         warnings=warnings,
         repeats=repeats,
     )
-    if found.registered < ENOUGH * len(names) and not repeats and way != "enlarged":
-        return _with_similar(ModelInputs(found, footage, options, work, progress), names, first)
-    return found
+    if outcome.registered < ENOUGH * len(names) and not repeats and way != "enlarged":
+        return _with_similar(ModelInputs(outcome, footage, options, work, progress), names, first)
+    return outcome
 
 
 class _Found(NamedTuple):
@@ -302,17 +302,19 @@ def _require_texture(features: Features, images: int) -> None:
 
 def _with_similar(given: ModelInputs, names: list[str], first: Names) -> Attempt:
     """The attempt once images that look alike are compared as well, where that places no fewer."""
-    found, options = given.found, given.options
-    descriptors = [found.features[n][1] for n in names]
+    first_attempt, options = given.found, given.options
+    descriptors = [first_attempt.features[n][1] for n in names]
     more = pairing.similar(pairing.signatures(descriptors, options.seed), 2 * options.loops, 2)
     new = _unseen([(names[i], names[j]) for i, j in more], first)
     if not new:
-        return found
-    found.match(new)
-    if found.special:
-        drop_chance(found.database, options.seed)
-    again = mapped(found.database, given.footage, given.work / "again", found.mapping, len(names), given.progress)
-    return replace(found, models=again) if _most(again) >= found.registered else found
+        return first_attempt
+    first_attempt.match(new)
+    if first_attempt.special:
+        drop_chance(first_attempt.database, options.seed)
+    again = mapped(
+        first_attempt.database, given.footage, given.work / "again", first_attempt.mapping, len(names), given.progress
+    )
+    return replace(first_attempt, models=again) if _most(again) >= first_attempt.registered else first_attempt
 
 
 def _most(models: list[pycolmap.Reconstruction]) -> int:
@@ -394,10 +396,10 @@ def independent_models(
     out: list[pycolmap.Reconstruction] = []
     taken: set[int] = set()
     for model in models:
-        own = set(model.reg_image_ids()) - taken
-        if len(own) >= FEWEST and steady(model, footage, mapping):
+        new_images = set(model.reg_image_ids()) - taken
+        if len(new_images) >= FEWEST and steady(model, footage, mapping):
             out.append(model)
-            taken |= own
+            taken |= new_images
     return out
 
 
@@ -408,8 +410,8 @@ def count_images(pieces: list[pycolmap.Reconstruction]) -> int:
 
 def steady(model: pycolmap.Reconstruction, footage: FootageRecord, mapping: MappingOptions) -> bool:
     """Whether the rate of turning, once adjusted, never changes by its own size from one image to the next."""
-    found = _in_time(model, footage, mapping)
-    return found is not None and found.steady
+    in_order = _in_time(model, footage, mapping)
+    return in_order is not None and in_order.steady
 
 
 def jumps(model: pycolmap.Reconstruction, footage: FootageRecord) -> bool:
@@ -421,14 +423,16 @@ def steady_images(
     model: pycolmap.Reconstruction, footage: FootageRecord, mapping: MappingOptions, core: frozenset[int]
 ) -> frozenset[int]:
     """Images (COLMAP's numbers) about those of `core` whose rate of turning, once adjusted, never changes by its own size."""
-    found = _in_time(model, footage, mapping)
-    if found is None:
+    in_order = _in_time(model, footage, mapping)
+    if in_order is None:
         return core
-    inside = np.isin(found.ids, list(core))
+    inside = np.isin(in_order.ids, list(core))
     keep = [
-        own[steady_stretch(found.R[own], found.times[own], inside[own])] for own in found.places if inside[own].any()
+        at_place[steady_stretch(in_order.R[at_place], in_order.times[at_place], inside[at_place])]
+        for at_place in in_order.places
+        if inside[at_place].any()
     ]
-    return frozenset(found.ids[np.concatenate(keep)].tolist()) if keep else core
+    return frozenset(in_order.ids[np.concatenate(keep)].tolist()) if keep else core
 
 
 def steady_parts(
@@ -439,17 +443,20 @@ def steady_parts(
     Where a part of the body was taken for another that looks alike, or near for far, the rest of a model turns another way. Each
     part alone tells near from far better than the mapper did. The longest parts from each place of a camera stay together.
     """
-    found = _in_time(model, footage, mapping)
-    if found is None:
+    in_order = _in_time(model, footage, mapping)
+    if in_order is None:
         return [model]
-    runs = [[own[part] for part in stretches(found.R[own], found.times[own])] for own in found.places]
+    runs = [
+        [numbers[part] for part in stretches(in_order.R[numbers], in_order.times[numbers])]
+        for numbers in in_order.places
+    ]
     longest = np.concatenate([run[0] for run in runs])
-    if len(longest) < FEWEST or len(longest) == len(found.ids):
+    if len(longest) < FEWEST or len(longest) == len(in_order.ids):
         return [model]
     out = []
-    for part in (longest, *(own for run in runs for own in run[1:] if len(own) >= FEWEST)):
+    for part in (longest, *(numbers for run in runs for numbers in run[1:] if len(numbers) >= FEWEST)):
         kept = pycolmap.Reconstruction(model)
-        take_out_images(kept, set(kept.reg_image_ids()) - set(found.ids[part].tolist()))
+        take_out_images(kept, set(kept.reg_image_ids()) - set(in_order.ids[part].tolist()))
         out.append(depth_reversal_resolved(kept, mapping))
     return out
 
@@ -466,7 +473,7 @@ class _InOrder(NamedTuple):
     @property
     def steady(self) -> bool:
         """Whether the rate of turning never changes by its own size from one image to the next."""
-        return all(largest_jump(self.R[own], self.times[own]) < 1.0 for own in self.places)
+        return all(largest_jump(self.R[at_place], self.times[at_place]) < 1.0 for at_place in self.places)
 
 
 def _in_time(model: pycolmap.Reconstruction, footage: FootageRecord, mapping: MappingOptions) -> _InOrder | None:
@@ -527,8 +534,8 @@ def _rig_pairs(footage: FootageRecord, names: list[str], options: SfmOptions) ->
     }
     pairs = []
     # with half as many, the attitudes of two simulated spacecraft were off by 0.11 and 0.27 degrees, in place of 0.06, 0.17
-    for own in by_camera.values():
-        pairs += [(own[i], own[j]) for i, j in pairing.sequential(len(own), options.overlap)]
+    for frame_names in by_camera.values():
+        pairs += [(frame_names[i], frame_names[j]) for i, j in pairing.sequential(len(frame_names), options.overlap)]
     first = by_camera[footage.cameras[0].id]
     for camera in footage.cameras[1:]:
         tails = {n.split("/", 1)[1]: n for n in by_camera[camera.id]}

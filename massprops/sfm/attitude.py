@@ -78,10 +78,10 @@ def as_pinhole(
         return views, points, images
     uv = points.obs_uv.copy()
     for i in range(len(views)):
-        own = points.obs_view == i
-        if own.any():
+        of_view = points.obs_view == i
+        if of_view.any():
             K, D = views.K[i], views.distortion[i]
-            uv[own] = cv2.undistortPoints(np.ascontiguousarray(uv[own])[:, None], K, D, P=K)[:, 0]
+            uv[of_view] = cv2.undistortPoints(np.ascontiguousarray(uv[of_view])[:, None], K, D, P=K)[:, 0]
     return replace(views, distortion=np.zeros((len(views), 4))), replace(points, obs_uv=uv), None
 
 
@@ -114,14 +114,14 @@ def to_sequence(
     number, error = _camera_numbers(views), residuals(views, points)
     cameras, tracked = {}, np.zeros(len(views), bool)
     for c in sorted(set(number.tolist())):
-        own = one_camera(views, number == c)
-        tracked |= own
-        mine = error[own[points.obs_view]]
+        of_camera = one_camera(views, number == c)
+        tracked |= of_camera
+        mine = error[of_camera[points.obs_view]]
         sigma = float(np.sqrt(np.mean(mine**2))) if len(mine) else 1.0
-        files = [(int(stamps[i]), images[views.names[i]]) for i in np.flatnonzero(own)] if images else []
-        times = np.unique(stamps[own])
+        files = [(int(stamps[i]), images[views.names[i]]) for i in np.flatnonzero(of_camera)] if images else []
+        times = np.unique(stamps[of_camera])
         rate = float(SECOND / np.median(np.diff(times))) if len(times) > 1 else None
-        camera = camera_of(views, own, sigma, (mounting or {}).get(c))
+        camera = camera_of(views, of_camera, sigma, (mounting or {}).get(c))
         cameras[c] = replace(camera, rate_hz=rate, images=tuple(sorted(files)))
     order = np.lexsort((points.id[points.obs_point], number[points.obs_view], stamps[points.obs_view]))
     order = order[(_once(points, error) & tracked[points.obs_view])[order]]

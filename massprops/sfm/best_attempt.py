@@ -22,20 +22,20 @@ def placed(footage: FootageRecord, work: Path, options: SfmOptions, progress: Pr
     Raises:
         NotPossible: fewer than three images can be placed.
     """
-    found = _best(footage, work, options, progress)
-    if found.registered < 3 and found.mapping.masked and is_plain(footage, found.features):
+    best = _best(footage, work, options, progress)
+    if best.registered < 3 and best.mapping.masked and is_plain(footage, best.features):
         raise NotPossible(
             "the object is plain: next to nothing on its surface can be told apart from image to image; light it from the side, "
             "put marks or powder on it, or give the poses of its images with --sparse, so that its outlines show its shape"
         )
-    if found.registered < 3:
+    if best.registered < 3:
         raise NotPossible(
-            f"only {found.registered} of {len(footage.frames)} images could be placed; give more images with more "
+            f"only {best.registered} of {len(footage.frames)} images could be placed; give more images with more "
             "overlap (under 15 degrees between neighbours), sharper or better lit"
         )
-    if footage.moving_pictures or footage.rig or found.repeats:
-        return found
-    return without_contradictions(found, footage, work / "f", options, progress)
+    if footage.moving_pictures or footage.rig or best.repeats:
+        return best
+    return without_contradictions(best, footage, work / "f", options, progress)
 
 
 def _best(footage: FootageRecord, work: Path, options: SfmOptions, progress: Progress) -> Attempt:
@@ -45,39 +45,39 @@ def _best(footage: FootageRecord, work: Path, options: SfmOptions, progress: Pro
         NotPossible: none finds a pair of images to start from.
     """
     used, masked = len(footage.frames), footage.mask_features and footage.has_masks
-    found, why = None, None
+    best, why = None, None
     try:
-        found = attempt(footage, work / "a", options, masked, progress=progress)
+        best = attempt(footage, work / "a", options, masked, progress=progress)
     except NotPossible as error:
         why = error
-    if found and not masked and footage.has_masks and found.registered < 0.8 * used:
+    if best and not masked and footage.has_masks and best.registered < 0.8 * used:
         again = attempt(footage, work / "b", options, True, progress=progress)
-        if again.registered > found.registered:
+        if again.registered > best.registered:
             line = "only the object's own features were used: with the background fewer images fit together"
-            found = replace(again, warnings=[*again.warnings, line])
+            best = replace(again, warnings=[*again.warnings, line])
     room = masked and footage.room_stood
-    if found and room and found.registered < ENOUGH * used:
-        found = _with_the_room(footage, work / "b", options, found, "usual", progress)
-    if found and (found.registered >= ENOUGH * used or not found.few):
-        return found
+    if best and room and best.registered < ENOUGH * used:
+        best = _with_the_room(footage, work / "b", options, best, "usual", progress)
+    if best and (best.registered >= ENOUGH * used or not best.few):
+        return best
     if masked and footage.moving_pictures:
-        found = _enlarged(footage, work / "d", options, found, progress)
-        if found and found.covered >= ENOUGH * used:
-            return found
+        best = _enlarged(footage, work / "d", options, best, progress)
+        if best and best.covered >= ENOUGH * used:
+            return best
     try:
-        again = attempt(footage, work / "c", options, found.mapping.masked if found else masked, "faint", progress)
+        again = attempt(footage, work / "c", options, best.mapping.masked if best else masked, "faint", progress)
     except NotPossible:
-        if found is None and why is not None:
+        if best is None and why is not None:
             raise why from None
         again = None
-    more = again is not None and again.registered > (found.registered if found else 0)
+    more = again is not None and again.registered > (best.registered if best else 0)
     if again and more and (not footage.moving_pictures or steady(again.models[0], footage, again.mapping)):
-        found = again
-    if found is None:
+        best = again
+    if best is None:
         raise why or NotPossible("no two images fit together; use more overlap and texture")
-    if room and found.mapping.masked and found.registered < ENOUGH * used:
-        return _with_the_room(footage, work / "e", options, found, "faint", progress)
-    return found
+    if room and best.mapping.masked and best.registered < ENOUGH * used:
+        return _with_the_room(footage, work / "e", options, best, "faint", progress)
+    return best
 
 
 def _with_the_room(

@@ -141,13 +141,13 @@ def agreement(
         x = _climb(slope[fit], off[fit], spread, rng)
         tries.append((_agreeing(slope[test], off[test], x), test))
     wrong = spread.sigma * rng.standard_normal((WRONG, 7))
-    tried = found = 0
+    tried = agreed = 0
     chance = 0.0
     for agree, test in tries:
-        own = candidates.point[test]
-        tried += len(np.unique(own))
-        found += len(np.unique(own[agree]))
-        chance += float(np.mean([len(np.unique(own[_agreeing(slope[test], off[test], w)])) for w in wrong]))
+        tested = candidates.point[test]
+        tried += len(np.unique(tested))
+        agreed += len(np.unique(tested[agree]))
+        chance += float(np.mean([len(np.unique(tested[_agreeing(slope[test], off[test], w)])) for w in wrong]))
     x = _climb(slope, off, spread, rng)
     R, scale = _turn(x[:3]), float(np.exp(x[3]))
     return Agreement(
@@ -156,9 +156,9 @@ def agreement(
         t=middle + x[4:] - scale * R @ middle,
         agree=_agreeing(slope, off, x),
         tried=tried,
-        found=found,
+        found=agreed,
         chance=chance,
-        log_p=_log_tail(tried, found, chance),
+        log_p=_log_tail(tried, agreed, chance),
     )
 
 

@@ -98,10 +98,13 @@ def _by_object(
     found: Attempt, footage: FootageRecord, work: Path, options: SfmOptions, progress: Progress
 ) -> Attempt | None:
     """What the object's own features place, where pairs show that it was moved."""
-    own = {} if found.mapping.masked else own_features(found.database, found.mapping)
-    if not own:
+    of_object = {} if found.mapping.masked else own_features(found.database, found.mapping)
+    if not of_object:
         return None
-    features = {name: (places[own[name]], said[own[name]]) for name, (places, said) in found.features.items()}
+    features = {
+        name: (places[of_object[name]], descriptors[of_object[name]])
+        for name, (places, descriptors) in found.features.items()
+    }
     way: Way = "faint" if found.special else "usual"
     try:
         again = attempt(footage, work / "own", options, False, way, progress, features)

@@ -62,16 +62,16 @@ def write_database(
     for f in footage.frames:
         if f.name in features:
             frames.setdefault(f.name.split("/", 1)[1] if footage.rig else f.name, []).append(f)
-    ids = {f.name: i for i, f in enumerate((f for own in frames.values() for f in own), start=1)}
+    ids = {f.name: i for i, f in enumerate((f for taken_together in frames.values() for f in taken_together), start=1)}
     with pycolmap.Database.open(path) as db, pycolmap.DatabaseTransaction(db):
         for record in footage.cameras:
             db.write_camera(prior_camera(record), use_camera_id=True)
         for rig in _rigs(footage):
             db.write_rig(rig, use_rig_id=True)
-        for frame_id, own in enumerate(frames.values(), start=1):
-            frame = pycolmap.Frame(frame_id=frame_id, rig_id=1 if footage.rig else own[0].camera + 1)
+        for frame_id, taken_together in enumerate(frames.values(), start=1):
+            frame = pycolmap.Frame(frame_id=frame_id, rig_id=1 if footage.rig else taken_together[0].camera + 1)
             images = []
-            for f in own:
+            for f in taken_together:
                 image = pycolmap.Image(name=f.name, camera_id=f.camera + 1, image_id=ids[f.name])
                 image.frame_id = frame_id
                 frame.add_data_id(image.data_id)

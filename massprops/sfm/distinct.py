@@ -54,8 +54,8 @@ def describe(keypoints: np.ndarray, descriptors: np.ndarray) -> Described:
 
 def _described(rows: np.ndarray, cosine: np.ndarray) -> Described:
     """Rows (k, 128) of which the largest cosine (k,) to any other is known."""
-    own = angles(cosine)
-    return Described(rows, own, np.flatnonzero(own > LEAST_OWN))
+    nearest_angle = angles(cosine)
+    return Described(rows, nearest_angle, np.flatnonzero(nearest_angle > LEAST_OWN))
 
 
 def _likeness(rows: np.ndarray, places: np.ndarray, known: np.ndarray) -> np.ndarray:

@@ -71,7 +71,7 @@ def _alike(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Numbers (r,) of the places `at` (m, 2) near which one feature is most alike, and where it is (r, 2)."""
     places, described = features
-    rows, found = [], []
+    rows, positions = [], []
     for k, near in enumerate(cKDTree(places).query_ball_point(at, reach)):
         if not near:
             continue
@@ -81,5 +81,5 @@ def _alike(
         elsewhere = np.linalg.norm(places[near] - places[near[best]], axis=1) > 0.5 * APART
         if angle[best] < WIDEST and angle[best] < RATIO * angle[elsewhere].min(initial=np.pi / 2):
             rows.append(k)
-            found.append(places[near[best]])
-    return np.array(rows, int), np.array(found, float).reshape(-1, 2)
+            positions.append(places[near[best]])
+    return np.array(rows, int), np.array(positions, float).reshape(-1, 2)

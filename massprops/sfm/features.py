@@ -120,10 +120,10 @@ def extract(gray: np.ndarray, region: np.ndarray | None, options: FeatureOptions
     if options.enlarge > 1:
         gray = cv2.resize(gray, None, fx=options.enlarge, fy=options.enlarge, interpolation=cv2.INTER_CUBIC)
     sift = cv2.SIFT_create(options.most, 3, 3 * options.peak, 10, 1.6, cv2.CV_32F, True)  # type: ignore[attr-defined]
-    found, raw = sift.detectAndCompute(np.ascontiguousarray(gray), None)
-    if not found:
+    keypoints, raw = sift.detectAndCompute(np.ascontiguousarray(gray), None)
+    if not keypoints:
         return np.zeros((0, 4), np.float32), np.zeros((0, 128), np.uint8)
-    xy = np.array([(*k.pt, k.size / 2, np.deg2rad(k.angle)) for k in found], np.float32)
+    xy = np.array([(*k.pt, k.size / 2, np.deg2rad(k.angle)) for k in keypoints], np.float32)
     if options.enlarge > 1:
         # centre of pixel i at enlarge * (i + 1/2) - 1/2 of the enlarged image
         xy[:, :2] = (xy[:, :2] + 0.5) / options.enlarge - 0.5
@@ -197,14 +197,14 @@ def extract_all(
         part = parts.made(f"features {frame.name} {masked} {options}", found_in_it)
         return frame.name, turn_keypoints(part["keypoints"], footage.size(frame), frame.turn), part["descriptors"]
 
-    found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    features: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     cv2.setNumThreads(1)  # one thread an image, and the same features every time
     with ThreadPoolExecutor(max(1, threads)) as pool:
         for i, result in enumerate(pool.map(one, frames)):
             progress(i + 1, len(frames), "features")
             if result is not None:
-                found[result[0]] = (result[1], result[2])
-    return found, unmasked
+                features[result[0]] = (result[1], result[2])
+    return features, unmasked
 
 
 def unmasked_warning(footage: FootageRecord, unmasked: list[str]) -> list[str]:

@@ -49,9 +49,9 @@ def rational(k: np.ndarray, radius: float) -> np.ndarray:
     weight = np.ones(len(u))
     # the linear equation is the fit's error times its denominator (Sanathanan and Koerner 1963)
     for _ in range(ROUNDS):
-        found = np.linalg.lstsq(rows * weight[:, None], (factor - 1) * weight, rcond=None)[0]
-        weight = r / np.maximum(np.abs(1 + powers @ found[3:]), 1e-6)
-    a, b = (found[i : i + 3] / r[-1] ** (2 * np.arange(1, 4)) for i in (0, 3))
+        coefficients = np.linalg.lstsq(rows * weight[:, None], (factor - 1) * weight, rcond=None)[0]
+        weight = r / np.maximum(np.abs(1 + powers @ coefficients[3:]), 1e-6)
+    a, b = (coefficients[i : i + 3] / r[-1] ** (2 * np.arange(1, 4)) for i in (0, 3))
     return np.array([a[0], a[1], 0.0, 0.0, a[2], *b])
 
 

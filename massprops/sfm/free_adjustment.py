@@ -87,13 +87,13 @@ def adjust_tumble(
     """
     views, ids = to_views(model)
     system = MotionSystem(views, to_points(model, ids), np.array([clock(n) for n in views.names]), loss_px, free_focal)
-    found = system.settled(State(tumble, 0.0, system.points.xyz), 20)
-    _write(model, ids, system, found)
+    state = system.settled(State(tumble, 0.0, system.points.xyz), 20)
+    _write(model, ids, system, state)
     for camera in model.cameras.values():
         camera.params = [
-            p * np.exp(found.focal) if k in camera.focal_length_idxs() else p for k, p in enumerate(camera.params)
+            p * np.exp(state.focal) if k in camera.focal_length_idxs() else p for k, p in enumerate(camera.params)
         ]
-    return found.tumble
+    return state.tumble
 
 
 def hold_to_tumble(

@@ -75,11 +75,15 @@ class FreeRotation:
         clock = (np.asarray(times, float) - self.begin) / self.unit
         out = np.zeros((len(x), len(clock), 3, 3))
         for side in (clock >= 0, clock < 0):
-            own = np.flatnonzero(side)
-            own = own[np.argsort(np.abs(clock[own]), kind="stable")]
-            q, _ = propagate(q0, rate, inertia, np.r_[0.0, clock[own]], largest_turn=STEP_RAD, compiled=True)
-            R = Turn.from_quat(q[1:].reshape(-1, 4)[:, [1, 2, 3, 0]]).as_matrix() if len(own) else np.zeros((0, 3, 3))
-            out[:, own] = R.reshape(len(own), len(x), 3, 3).transpose(1, 0, 2, 3)
+            on_side = np.flatnonzero(side)
+            on_side = on_side[np.argsort(np.abs(clock[on_side]), kind="stable")]
+            q, _ = propagate(q0, rate, inertia, np.r_[0.0, clock[on_side]], largest_turn=STEP_RAD, compiled=True)
+            R = (
+                Turn.from_quat(q[1:].reshape(-1, 4)[:, [1, 2, 3, 0]]).as_matrix()
+                if len(on_side)
+                else np.zeros((0, 3, 3))
+            )
+            out[:, on_side] = R.reshape(len(on_side), len(x), 3, 3).transpose(1, 0, 2, 3)
         return out
 
     def changed(self, x: np.ndarray) -> FreeRotation:
@@ -131,23 +135,27 @@ def fit_rotation(pieces: Sequence[Piece], robust: bool = False, about: FreeRotat
         max_nfev=60,
         ftol=1e-8,
     )
-    found = fitted(first)
+    solution = fitted(first)
     if robust:
-        found = fitted(found.x, loss="soft_l1", f_scale=OUTLYING_RAD)
+        solution = fitted(solution.x, loss="soft_l1", f_scale=OUTLYING_RAD)
     count = 3 * sum(len(p.times) for p in pieces)
-    off = found.fun[:count]
+    off = solution.fun[:count]
     if robust:
         rms = mad_sigma(off)
     else:
         rms = float(np.sqrt(np.sum(off**2) / max(count - 6 - 3 * (len(pieces) - 1), 1)))
-    covariance = np.linalg.pinv(found.jac.T @ found.jac) * max(rms, LEAST_SIGMA) ** 2
+    covariance = np.linalg.pinv(solution.jac.T @ solution.jac) * max(rms, LEAST_SIGMA) ** 2
     C, sigma = [np.eye(3)], [0.0]
     for k in range(1, len(pieces)):
-        own = _turn_of(k)
-        C.append(Turn.from_rotvec(found.x[own]).as_matrix() @ motion.C[k])
-        sigma.append(float(np.sqrt(np.linalg.eigvalsh(covariance[own, own])[-1])))
+        turn_columns = _turn_of(k)
+        C.append(Turn.from_rotvec(solution.x[turn_columns]).as_matrix() @ motion.C[k])
+        sigma.append(float(np.sqrt(np.linalg.eigvalsh(covariance[turn_columns, turn_columns])[-1])))
     return Rotation(
-        np.array(C), np.array(sigma), rms, inertia_of_log(found.x[None, 6:11])[0], motion.guess.changed(found.x[:11])
+        np.array(C),
+        np.array(sigma),
+        rms,
+        inertia_of_log(solution.x[None, 6:11])[0],
+        motion.guess.changed(solution.x[:11]),
     )
 
 

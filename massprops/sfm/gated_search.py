@@ -93,7 +93,7 @@ def likest(which: np.ndarray, other: np.ndarray, angle: np.ndarray, uv: np.ndarr
 @njit(cache=True, error_model="numpy")
 def _likest(which: np.ndarray, other: np.ndarray, angle: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """What `likest` says."""
-    found, at, begin = np.empty_like(which), np.empty_like(other), 0
+    matched, at, begin = np.empty_like(which), np.empty_like(other), 0
     n = 0
     while begin < len(which):
         end, best = begin, begin
@@ -109,7 +109,7 @@ def _likest(which: np.ndarray, other: np.ndarray, angle: np.ndarray, uv: np.ndar
             if x * x + y * y > APART * APART and angle[k] < second:
                 second = angle[k]
         if angle[best] < WIDEST and angle[best] < RATIO * second:
-            found[n], at[n] = which[best], other[best]
+            matched[n], at[n] = which[best], other[best]
             n += 1
         begin = end
-    return found[:n], at[:n]
+    return matched[:n], at[:n]

@@ -87,11 +87,11 @@ def grid_shifts(views: Views, points: SparsePoints, motion: Motion, readout: Rea
     w, h = (int(s) for s in views.size[i])
     u, v = np.meshgrid(np.arange(0, w + GRID, GRID, dtype=float), np.arange(0, h + GRID, GRID, dtype=float))
     uv = np.stack([u.ravel(), v.ravel()], axis=1)
-    own = points.obs_view == i
-    if not motion.known[i] or own.sum() < 4:
+    of_view = points.obs_view == i
+    if not motion.known[i] or of_view.sum() < 4:
         return np.zeros((*u.shape, 2), np.float32)
-    z = points.xyz[points.obs_point[own]] @ views.R[i, 2] + views.t[i, 2]
-    shift = _shift_of(views, motion, readout, i, uv, _depth_between(points.obs_uv[own], z, uv))
+    z = points.xyz[points.obs_point[of_view]] @ views.R[i, 2] + views.t[i, 2]
+    shift = _shift_of(views, motion, readout, i, uv, _depth_between(points.obs_uv[of_view], z, uv))
     return shift.reshape(*u.shape, 2).astype(np.float32)
 
 

@@ -62,10 +62,10 @@ def by_prediction(
         return _grown(model, given, tumbling)
     whole, names = model, [f.name for f in given.footage.frames]
     firm = firm_part(whole, names, MappingOptions().least_inliers)
-    model, found, more = _grown(firm, given, tumbling, first)
+    model, attempt, more = _grown(firm, given, tumbling, first)
     if firm is not whole:
         model = _less_contradicted(model, whole, given, first)
-    return model, found, more
+    return model, attempt, more
 
 
 def _less_contradicted(
@@ -101,10 +101,10 @@ def _grown(
     model: pycolmap.Reconstruction, given: ModelInputs, tumbling: bool, first: Path | None = None
 ) -> tuple[pycolmap.Reconstruction, Attempt, list[str]]:
     """As `by_prediction`, from this model; first: of a still film on a print, the matches that were made without a model, else None."""
-    found, footage, more = given.found, given.footage, list[str]()
+    attempt, footage, more = given.found, given.footage, list[str]()
     model = match_predicted(model, given, given.work)
     if tumbling:
-        model, found = _steady_part(model, given)
+        model, attempt = _steady_part(model, given)
     if first is not None and model.num_reg_images() < len(footage.frames):
         model = add_left_out_images(model, replace(given, work=given.work / "unique"), len(footage.frames))
     if is_film(footage) and model.num_reg_images() < len(footage.frames):
@@ -113,8 +113,8 @@ def _grown(
         if first is not None:
             take_out_unsupported(model, first, known)
     if tumbling:
-        model, more = with_pieces(model, found, given)
-    return model, found, more
+        model, more = with_pieces(model, attempt, given)
+    return model, attempt, more
 
 
 def unfolded(model: pycolmap.Reconstruction, given: ModelInputs) -> tuple[pycolmap.Reconstruction, Attempt]:
@@ -126,17 +126,17 @@ def unfolded(model: pycolmap.Reconstruction, given: ModelInputs) -> tuple[pycolm
     chance, and no match contradicts them; but what flies before a black sky does not jump. A cut that leaves less than half of the images
     does not tell which of its parts are right.
     """
-    found, footage = given.found, given.footage
+    attempt, footage = given.found, given.footage
     flies = footage.background == "black"
-    if not jumps(model, footage) or (not flies and contradictions(model, found.database).share < MANY):
-        return model, found
+    if not jumps(model, footage) or (not flies and contradictions(model, attempt.database).share < MANY):
+        return model, attempt
     cut, others = _steady_part(model, given)
     try:
         grown = _followed(cut, replace(given, found=others))
     except NotPossible:
         grown = cut
     if flies and 2 * grown.num_reg_images() < model.num_reg_images():
-        return model, found
+        return model, attempt
     return grown, others
 
 

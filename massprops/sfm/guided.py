@@ -58,8 +58,8 @@ def place(views: Views, points: SparsePoints, i: int, uv: np.ndarray, lent: bool
     K, D = views.K[i], views.distortion[i]
     xy = cv2.undistortPoints(uv.astype(np.float64).reshape(-1, 1, 2), K, D).reshape(-1, 2) if len(uv) else uv
     ray = np.column_stack([xy, np.ones(len(uv))])
-    own = points.obs_view == i
-    at, xyz = points.obs_uv[own], points.xyz[points.obs_point[own]]
+    of_view = points.obs_view == i
+    at, xyz = points.obs_uv[of_view], points.xyz[points.obs_point[of_view]]
     if lent:
         index, more = seen_alike(views, points, i)
         at, xyz = np.concatenate([at, more]), np.concatenate([xyz, points.xyz[index]])
@@ -107,9 +107,9 @@ def match_placed(
     """
     first, rows = _best(views, pair, placed, units, gate)
     second, back = _best(views, pair[::-1], placed[::-1], units[::-1], gate)
-    found = np.full(len(placed[1].uv), -1)
-    found[back] = second
-    mutual = found[first] == rows
+    partner = np.full(len(placed[1].uv), -1)
+    partner[back] = second
+    mutual = partner[first] == rows
     return np.column_stack([rows[mutual], first[mutual]]).astype(np.uint32)
 
 

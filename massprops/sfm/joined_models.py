@@ -85,12 +85,12 @@ def join_models(
 def _joined(model: pycolmap.Reconstruction, fresh: list[str], given: ModelInputs) -> pycolmap.Reconstruction:
     smaller = _linked(model, fresh, given)
     views, ids = to_views(model)
-    own, own_ids = to_views(smaller)
-    found = link((views, to_points(model, ids)), (own, to_points(smaller, own_ids)))
-    if found is None:
+    smaller_views, own_ids = to_views(smaller)
+    connection = link((views, to_points(model, ids)), (smaller_views, to_points(smaller, own_ids)))
+    if connection is None:
         return model
     known = set(model.reg_image_ids())
-    grown = _with_images(model, smaller, found, set(fresh), given.found.database)
+    grown = _with_images(model, smaller, connection, set(fresh), given.found.database)
     grown = retriangulate(grown, given.found.database, given.frames, given.work / "tracks", given.found.mapping)
     grown = match_predicted(grown, given, given.work, set(fresh))
     take_out_contradicted(grown, given.found.database, known)
@@ -147,27 +147,34 @@ def link(larger: tuple[Views, SparsePoints], smaller: tuple[Views, SparsePoints]
     Args:
         larger, smaller: the placed images of each and what they saw.
     """
-    (views, points), (own, own_points) = larger, smaller
+    (views, points), (smaller_views, own_points) = larger, smaller
     told: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-    for name in sorted(set(views.names) & set(own.names)):
-        told[name] = _distances(views, points, views.names.index(name), (own, own_points, own.names.index(name)))
+    for name in sorted(set(views.names) & set(smaller_views.names)):
+        told[name] = _distances(
+            views, points, views.names.index(name), (smaller_views, own_points, smaller_views.names.index(name))
+        )
     if not told or sum(len(z) for z, _ in told.values()) < LEAST:
         return None
     ratios = np.concatenate([np.log(theirs / ours) for theirs, ours in told.values()])
     if mad_sigma(ratios - np.median(ratios)) > LARGEST_SIZE_SIGMA * np.sqrt(len(ratios)):
         return None
     name = max(sorted(told), key=lambda n: len(told[n][0]))
-    i, j = views.names.index(name), own.names.index(name)
+    i, j = views.names.index(name), smaller_views.names.index(name)
     scale = float(np.exp(np.median(ratios)))
-    return Link(scale, views.R[i].T @ own.R[j], views.R[i].T @ (scale * own.t[j] - views.t[i]), np.exp(ratios))
+    return Link(
+        scale,
+        views.R[i].T @ smaller_views.R[j],
+        views.R[i].T @ (scale * smaller_views.t[j] - views.t[i]),
+        np.exp(ratios),
+    )
 
 
 def _distances(
     views: Views, points: SparsePoints, i: int, other: tuple[Views, SparsePoints, int]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Depths (n,) of points of one image in two models, first in that of `views`, wherever a point of the other is near."""
-    own, own_points, j = other
-    (at, depth), (own_at, own_depth) = _seen(views, points, i), _seen(own, own_points, j)
+    other_views, own_points, j = other
+    (at, depth), (own_at, own_depth) = _seen(views, points, i), _seen(other_views, own_points, j)
     if not len(at) or not len(own_at):
         return np.zeros(0), np.zeros(0)
     away, nearest = cKDTree(at).query(own_at)

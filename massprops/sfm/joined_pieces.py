@@ -80,9 +80,9 @@ class _Laid:
         R, t, xyz, of_point = views.R.copy(), views.t.copy(), points.xyz.copy(), part.of_point()
         for k in pieces:
             scale, C, shift = to[k]
-            own = owner == k
-            R[own] = views.R[own] @ C.T
-            t[own] = scale * views.t[own] - R[own] @ shift
+            of_piece = owner == k
+            R[of_piece] = views.R[of_piece] @ C.T
+            t[of_piece] = scale * views.t[of_piece] - R[of_piece] @ shift
             xyz[of_point == k] = scale * points.xyz[of_point == k] @ C.T + shift
         return replace(part, views=replace(views, R=R, t=t), points=replace(points, xyz=xyz))
 
@@ -95,9 +95,9 @@ def join_pieces(
     owners = _owners([model, *apart])
     if len(owners) < 2:
         return model
-    ids = [own for _, own in owners]
+    ids = [piece_images for _, piece_images in owners]
     try:
-        pieces = assemble([Part(m, own, STAYS) for m, own in owners])
+        pieces = assemble([Part(m, piece_images, STAYS) for m, piece_images in owners])
         # at first as they are: with another focal length than its own a piece fits badly
         mapping = given.found.mapping
         adjust(pieces, not mapping.fixed_intrinsics, False, 1.0, mapping.threads, 40, mapping.constant)
@@ -113,10 +113,10 @@ def _owners(models: Sequence[pycolmap.Reconstruction]) -> list[tuple[pycolmap.Re
     out: list[tuple[pycolmap.Reconstruction, frozenset[int]]] = []
     taken: set[int] = set()
     for m in models:
-        own = frozenset(m.reg_image_ids()) - taken
-        if len(own) >= FEWEST:
-            out.append((m, own))
-            taken |= own
+        new_images = frozenset(m.reg_image_ids()) - taken
+        if len(new_images) >= FEWEST:
+            out.append((m, new_images))
+            taken |= new_images
     return out
 
 
@@ -136,7 +136,7 @@ def _adjust(model: pycolmap.Reconstruction, given: ModelInputs) -> None:
 def _laid(model: pycolmap.Reconstruction, ids: Sequence[frozenset[int]]) -> _Laid:
     """A model whose points each belong to one piece."""
     views, numbers = to_views(model)
-    owner = np.array([next(k for k, own in enumerate(ids) if i in own) for i in numbers], int)
+    owner = np.array([next(k for k, piece_images in enumerate(ids) if i in piece_images) for i in numbers], int)
     return _Laid(views, tuple(numbers), to_points(model, numbers), owner)
 
 
@@ -147,15 +147,15 @@ def _placed(laid: _Laid, given: ModelInputs) -> tuple[list[Similarity], list[Spr
     time = np.array([clock[n] for n in laid.views.names])
     pieces, middles, radii = [], [], []
     for k in range(laid.owner.max() + 1):
-        own = np.flatnonzero(laid.owner == k)
-        own = own[np.argsort(time[own])]
-        xyz = laid.points.of_views(own).xyz
-        if len(own) < FEWEST or len(xyz) < LEAST_POINTS:
+        in_piece = np.flatnonzero(laid.owner == k)
+        in_piece = in_piece[np.argsort(time[in_piece])]
+        xyz = laid.points.of_views(in_piece).xyz
+        if len(in_piece) < FEWEST or len(xyz) < LEAST_POINTS:
             return None
         middle = np.median(xyz, axis=0)
-        R, t = laid.views.R[own], laid.views.t[own]
+        R, t = laid.views.R[in_piece], laid.views.t[in_piece]
         # about the middle of what was seen: an error of the attitude then moves nothing
-        pieces.append(Piece(time[own], R, t + R @ middle))
+        pieces.append(Piece(time[in_piece], R, t + R @ middle))
         middles.append(middle)
         radii.append(_radius(xyz))
     rotation = fit_rotation(pieces)
@@ -180,11 +180,11 @@ def _joined(
 ) -> pycolmap.Reconstruction | None:
     """The first piece with those that its surface bears out, one after the other; None where it bears out none."""
     # the adjustment may have taken images out
-    left = frozenset(model.reg_image_ids())
-    ids = [own & left for own in ids if len(own & left) >= FEWEST]
+    remaining_images = frozenset(model.reg_image_ids())
+    ids = [piece_images & remaining_images for piece_images in ids if len(piece_images & remaining_images) >= FEWEST]
     if len(ids) < 2:
         return None
-    model = assemble([Part(model, own, STAYS) for own in ids])
+    model = assemble([Part(model, piece_images, STAYS) for piece_images in ids])
     laid = _laid(model, ids)
     placed = _placed(laid, given)
     if placed is None:
@@ -199,14 +199,14 @@ def _joined(
         both = laid.at(to, [*inside, k])
         second = both.owner == k
         candidates = look.candidates(both, second, REACH)
-        found = agreement(both.views, both.points, second, candidates, spread[k], rng)
+        consensus = agreement(both.views, both.points, second, candidates, spread[k], rng)
         if (
-            found is not None
-            and found.beyond_chance
-            and is_significant(found, _wrong(laid, to, [*inside, k], look, spread[k], rng))
+            consensus is not None
+            and consensus.beyond_chance
+            and is_significant(consensus, _wrong(laid, to, [*inside, k], look, spread[k], rng))
         ):
-            to[k] = Similarity(found.scale, found.R, found.t).after(to[k])
-            sightings += _sightings(both, candidates.take(np.flatnonzero(found.agree)))
+            to[k] = Similarity(consensus.scale, consensus.R, consensus.t).after(to[k])
+            sightings += _sightings(both, candidates.take(np.flatnonzero(consensus.agree)))
             inside.append(k)
         # what is refused may still be tied to a piece that comes in later
         open_ = [k for k in _by_gap(laid, inside, given.footage) if (k, len(inside)) not in tried]
@@ -259,8 +259,8 @@ def _looked_again(
     Raises:
         NotPossible: too little is left.
     """
-    present = [own & set(whole.reg_image_ids()) for own in ids]
-    parts = [Part(whole, own, STAYS) for own in present]
+    present = [piece_images & set(whole.reg_image_ids()) for piece_images in ids]
+    parts = [Part(whole, piece_images, STAYS) for piece_images in present]
     split = assemble(parts)
     laid = _laid(split, present)
     pieces, sightings = list(range(len(ids))), list[Sighting]()
@@ -278,14 +278,14 @@ def _looked_again(
 
 def _tied(model: pycolmap.Reconstruction, ids: Sequence[frozenset[int]]) -> bool:
     """Whether every piece shares enough points with the others."""
-    left = set(model.reg_image_ids())
+    remaining_images = set(model.reg_image_ids())
     shared = np.zeros(len(ids), int)
     for point in model.points3D.values():
         seen = {e.image_id for e in point.track.elements}
-        inside = [k for k, own in enumerate(ids) if own & seen]
+        inside = [k for k, piece_images in enumerate(ids) if piece_images & seen]
         if len(inside) > 1:
             shared[inside] += 1
-    return bool(np.all(shared >= LEAST_POINTS)) and all(own & left for own in ids)
+    return bool(np.all(shared >= LEAST_POINTS)) and all(piece_images & remaining_images for piece_images in ids)
 
 
 def _sightings(laid: _Laid, candidates: Candidates) -> list[Sighting]:
@@ -327,19 +327,21 @@ class _Look:
         px = max(4, round(reach * _radius(points.xyz) / depth * float(views.K[0, 0, 0])))
         looks, features = self._looks(views, points), [self.features[n] for n in views.names]
         grey = self._grey(views)
-        found = [feature_candidates(views, points, own, px, looks, features) for own in (second, ~second)]
-        found += [patch_candidates(views, points, own, px, grey) for own in (second, ~second)]
-        return Candidates.joined(found)
+        all_candidates = [
+            feature_candidates(views, points, of_side, px, looks, features) for of_side in (second, ~second)
+        ]
+        all_candidates += [patch_candidates(views, points, of_side, px, grey) for of_side in (second, ~second)]
+        return Candidates.joined(all_candidates)
 
     def _looks(self, views: Views, points: SparsePoints) -> np.ndarray:
         """(k, 128) unit descriptors of the observations; nan where they are no feature."""
         out = np.full((len(points.obs_view), 128), np.nan)
         for i, name in enumerate(views.names):
-            own = np.flatnonzero(points.obs_view == i)
+            of_view = np.flatnonzero(points.obs_view == i)
             places, described = self.features[name]
-            if len(own) and len(places):
-                away, nearest = cKDTree(places).query(points.obs_uv[own])
-                out[own[away < 0.01]] = described[nearest[away < 0.01]]
+            if len(of_view) and len(places):
+                away, nearest = cKDTree(places).query(points.obs_uv[of_view])
+                out[of_view[away < 0.01]] = described[nearest[away < 0.01]]
         return out
 
     def _grey(self, views: Views) -> Grey:

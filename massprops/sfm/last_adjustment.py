@@ -196,18 +196,18 @@ def _solved(
     number = np.array([model.image(i).camera_id for i in ids], int)
     out = []
     for record in footage.cameras:
-        own = np.flatnonzero(number == record.id + 1)
-        if not len(own):
+        of_camera = np.flatnonzero(number == record.id + 1)
+        if not len(of_camera):
             continue
         lens = refined.lenses.get(record.id + 1)
-        K = views.K[own[0]]
+        K = views.K[of_camera[0]]
         out.append(
             SolvedCamera(
                 record.id,
-                len(own),
+                len(of_camera),
                 (float(K[0, 0]), float(K[1, 1])),
                 float(accuracy.focal_by_camera.get(record.id + 1, 0.0)),
-                tuple(float(k) for k in views.distortion[own[0]]),
+                tuple(float(k) for k in views.distortion[of_camera[0]]),
                 lens or LensChoice(MODELS[0] if record.distortion is None else "OPENCV"),
                 lens is not None and lens.bent,
             )

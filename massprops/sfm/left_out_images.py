@@ -47,29 +47,29 @@ def add_left_out_images(
     Args:
         rounds: at most; none of them goes on after one that adds nothing.
     """
-    found = given.found
+    attempt = given.found
     for turn in range(rounds):
         known = set(model.reg_image_ids())
-        if found.repeats:
+        if attempt.repeats:
             grown = with_images_of_pattern(model, given)
         else:
-            grown = continue_mapping(model, found.database, given.frames, given.work / f"more{turn}", found.mapping)
-            take_out_contradicted(grown, found.database, known)
+            grown = continue_mapping(model, attempt.database, given.frames, given.work / f"more{turn}", attempt.mapping)
+            take_out_contradicted(grown, attempt.database, known)
         added = set(grown.reg_image_ids()) - known
         if not added:
             break
         fresh = {grown.image(i).name for i in added}
-        before = {i: taken(found.database, pairs) for i, pairs in _pairs_of(found.database, added).items()}
+        before = {i: taken(attempt.database, pairs) for i, pairs in _pairs_of(attempt.database, added).items()}
         try:
             grown = match_predicted(grown, given, given.work / f"more{turn}", fresh)
         except NotPossible:
             break
         take_out_unmatched(grown, fresh)
         gone = added - set(grown.reg_image_ids())
-        for image_id, pairs in _pairs_of(found.database, gone).items():
+        for image_id, pairs in _pairs_of(attempt.database, gone).items():
             # made where the image was wrongly placed, they would place it there again
-            drop_pairs(found.database, map(pycolmap.pair_id_to_image_pair, pairs))
-            put_back(found.database, before[image_id])
+            drop_pairs(attempt.database, map(pycolmap.pair_id_to_image_pair, pairs))
+            put_back(attempt.database, before[image_id])
         if grown.num_reg_images() <= model.num_reg_images():
             break
         model = grown
@@ -98,8 +98,8 @@ def take_out_unmatched(model: pycolmap.Reconstruction, fresh: set[str]) -> None:
 
 def take_out_contradicted(model: pycolmap.Reconstruction, database: Path, known: set[int]) -> None:
     """Removes images, in place, whose matches with the images `known` contradict their pose."""
-    found = agreeing_matches(model, database, known)
-    take_out_images(model, [i for i, count in found.items() if _contradicted(*count)])
+    agreeing = agreeing_matches(model, database, known)
+    take_out_images(model, [i for i, count in agreeing.items() if _contradicted(*count)])
 
 
 def _contradicted(agree: int, all_of: int) -> bool:
@@ -114,9 +114,9 @@ def take_out_unsupported(model: pycolmap.Reconstruction, database: Path, known: 
     judges, before = set(known), set[int]()
     while judges != before:
         before = set(judges)
-        found = agreeing_matches(model, database, judges)
-        judges |= {i for i, (agree, all_of) in found.items() if all_of and not _contradicted(agree, all_of)}
-    if any(_contradicted(*count) for count in found.values()):
+        agreeing = agreeing_matches(model, database, judges)
+        judges |= {i for i, (agree, all_of) in agreeing.items() if all_of and not _contradicted(agree, all_of)}
+    if any(_contradicted(*count) for count in agreeing.values()):
         take_out_images(model, set(model.reg_image_ids()) - judges)
 
 

@@ -210,17 +210,17 @@ def choose_lenses(
         fits[name] = {c: pycolmap.Camera(camera.todict()) for c, camera in trial.cameras.items()}
         start = trial
         for c in model.cameras if name != MODELS[0] else ():
-            own = camera == c
-            part = HeldOut(held.image[own], held.point[own], held.uv[own])
+            of_camera = camera == c
+            part = HeldOut(held.image[of_camera], held.point[of_camera], held.uv[of_camera])
             # against the step before too: the lens of another camera, freed at the same step, may be what helped
-            better = own.sum() >= FEWEST and all(
-                falls(errors[n][own], errors[name][own], part) for n in {best[c], before}
+            better = of_camera.sum() >= FEWEST and all(
+                falls(errors[n][of_camera], errors[name][of_camera], part) for n in {best[c], before}
             )
             if better and moves(fits[name][c], fits[best[c]][c], part.uv) > visible_px:
                 best[c] = name
     chosen = {}
     for c in model.cameras:
-        own = camera == c
-        scores = {n: float(np.sqrt(np.mean(e[own]))) for n, e in errors.items()} if own.any() else {}
-        chosen[c] = LensChoice(best[c], scores, int(own.sum()))
+        of_camera = camera == c
+        scores = {n: float(np.sqrt(np.mean(e[of_camera]))) for n, e in errors.items()} if of_camera.any() else {}
+        chosen[c] = LensChoice(best[c], scores, int(of_camera.sum()))
     return chosen

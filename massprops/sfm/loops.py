@@ -31,18 +31,18 @@ NEXT = 3
 
 def close_loops(model: pycolmap.Reconstruction, given: ModelInputs) -> pycolmap.Reconstruction:
     """Matches pairs that the first model predicts to show the same side, and rebuilds the tracks with them."""
-    found, options = given.found, given.options
+    attempt, options = given.found, given.options
     views, ids = to_views(model)
     points = to_points(model, ids)
     chosen = _facing(views, points, given.footage, options, options.overlap + 1)
-    with pycolmap.Database.open(found.database) as db:
+    with pycolmap.Database.open(attempt.database) as db:
         pair_ids, _ = db.read_two_view_geometry_num_inliers()
     number = {model.image(i).name: i for i in ids}
     known = set(pair_ids)
     new = [(a, b) for a, b in chosen if pycolmap.image_pair_to_pair_id(number[a], number[b]) not in known]
     if new:
-        found.match(new)
-    return retriangulate(model, found.database, given.frames, given.work / "tracks", found.mapping)
+        attempt.match(new)
+    return retriangulate(model, attempt.database, given.frames, given.work / "tracks", attempt.mapping)
 
 
 def match_predicted(
@@ -57,20 +57,20 @@ def match_predicted(
     Raises:
         NotPossible: the images do not hold together by them.
     """
-    found, footage, options = given.found, given.footage, given.options
-    mapping = found.mapping
-    units = {n: unit(d) for n, (_, d) in found.features.items()}
+    attempt, footage, options = given.found, given.footage, given.options
+    mapping = attempt.mapping
+    units = {n: unit(d) for n, (_, d) in attempt.features.items()}
     for turn, gate in enumerate(GATES):
         views, ids = to_views(model)
         points = to_points(model, ids)
         number = dict(zip(views.names, ids, strict=True))
         row = {n: i for i, n in enumerate(views.names)}
         lent = fresh or set()
-        placed = {n: place(views, points, i, found.features[n][0][:, :2] - 0.5, n in lent) for n, i in row.items()}
+        placed = {n: place(views, points, i, attempt.features[n][0][:, :2] - 0.5, n in lent) for n, i in row.items()}
         chosen = set(views.names) if fresh is None else fresh
         pairs = pairs_to_compare(views, points, footage, options, NEXT + 1)
         pairs = [pair for pair in pairs if chosen.intersection(pair)]
-        matches = _agreeing(found.database, views, ids, placed, gate)
+        matches = _agreeing(attempt.database, views, ids, placed, gate)
         matches = {pair: m for pair, m in matches.items() if chosen.intersection(pair)}
         for done, (a, b) in enumerate(pairs):
             pair, both = (row[a], row[b]), (placed[a], placed[b])
@@ -78,9 +78,9 @@ def match_predicted(
             old = matches.pop((b, a))[:, ::-1] if (b, a) in matches else matches.get((a, b), new[:0])
             matches[a, b] = joined(new, old)
             given.progress(done + 1, len(pairs), "guided matching")
-        forget(found.database, ids, {number[n] for n in chosen if n in number})
-        verify(found.database, number, matches, mapping)
-        model = retriangulate(model, found.database, given.frames, work / f"tracks{turn}", mapping)
+        forget(attempt.database, ids, {number[n] for n in chosen if n in number})
+        verify(attempt.database, number, matches, mapping)
+        model = retriangulate(model, attempt.database, given.frames, work / f"tracks{turn}", mapping)
         settings = options.refine
         loss = remove_outliers(model, settings, 2.0)
         adjust(model, not mapping.fixed_intrinsics, False, loss, mapping.threads, 20, mapping.constant)
@@ -105,12 +105,12 @@ def _agreeing(
         pair_ids, geometries = db.read_two_view_geometries()
     for pair_id, geometry in zip(pair_ids, geometries, strict=True):
         first, second = pycolmap.pair_id_to_image_pair(pair_id)
-        found = np.asarray(geometry.inlier_matches, np.uint32).reshape(-1, 2)
-        if first in row and second in row and len(found):
+        matches = np.asarray(geometry.inlier_matches, np.uint32).reshape(-1, 2)
+        if first in row and second in row and len(matches):
             i, j = row[first], row[second]
             a, b = views.names[i], views.names[j]
-            near = off_line(views, (i, j), placed[a].ray[found[:, 0]], placed[b].ray[found[:, 1]])
-            out[a, b] = found[near < gate.line * views.size[j].max()]
+            near = off_line(views, (i, j), placed[a].ray[matches[:, 0]], placed[b].ray[matches[:, 1]])
+            out[a, b] = matches[near < gate.line * views.size[j].max()]
     return out
 
 

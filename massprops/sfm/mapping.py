@@ -168,13 +168,13 @@ def map_images(
             initial_image_pair_callback=started,
             next_image_callback=added,
         )
-    found = sorted(models.values(), key=lambda m: (-m.num_reg_images(), -m.num_points3D()))
-    if not found:
+    largest_first = sorted(models.values(), key=lambda m: (-m.num_reg_images(), -m.num_points3D()))
+    if not largest_first:
         raise NotPossible(
             "structure from motion found no pair of images to start from: too few features in common or no parallax; "
             "use more overlap and texture, and make sure that the body turns or the camera moves around it"
         )
-    return found
+    return largest_first
 
 
 def continue_mapping(
@@ -185,8 +185,8 @@ def continue_mapping(
     write_model(model, start)
     pycolmap.set_random_seed(options.seed)
     chosen = replace(options, least_inliers=max(options.least_inliers // 2, 6))
-    found = pycolmap.incremental_mapping(database, frames, out, pipeline_options(chosen, frames), input_path=start)
-    most = max(found.values(), key=lambda m: m.num_reg_images(), default=model)
+    models = pycolmap.incremental_mapping(database, frames, out, pipeline_options(chosen, frames), input_path=start)
+    most = max(models.values(), key=lambda m: m.num_reg_images(), default=model)
     return most if most.num_reg_images() > model.num_reg_images() else model
 
 
@@ -212,8 +212,8 @@ def _global(database: Path, frames: Path, out: Path, options: MappingOptions) ->
     m.bundle_adjustment.refine_extra_params = options.free_distortion and not options.fixed_intrinsics
     m.bundle_adjustment.refine_sensor_from_rig = False
     m.retriangulation.random_seed = options.seed
-    found: dict[str, Any] = pycolmap.global_mapping(database, frames, out, o)
-    return found
+    models: dict[str, Any] = pycolmap.global_mapping(database, frames, out, o)
+    return models
 
 
 def retriangulate(

@@ -26,21 +26,21 @@ def refine(image: np.ndarray, corners: np.ndarray, cells: int = 4) -> np.ndarray
         (4, 2); the rough ones where an edge is too short or too faint, or the lines meet elsewhere.
     """
     rough = np.asarray(corners, float)
-    found = rough
+    refined = rough
     shortest = np.linalg.norm(rough - np.roll(rough, -1, 0), axis=1).min()
     reach = float(np.clip(0.45 * shortest / (cells + 2), 1.0, 4.0))
     for _ in range(PASSES):
-        edges = [_edge(image, found[k], found[(k + 1) % 4], found.mean(0), reach) for k in range(4)]
+        edges = [_edge(image, refined[k], refined[(k + 1) % 4], refined.mean(0), reach) for k in range(4)]
         lines = [edge for edge in edges if edge is not None]
         if len(lines) < 4:
             return rough
         met = np.array([np.cross(lines[k - 1], lines[k]) for k in range(4)])
         if np.any(np.abs(met[:, 2]) < 1e-9):
             return rough
-        found = met[:, :2] / met[:, 2:]
-        if np.linalg.norm(found - rough, axis=1).max() > 2.0 + reach:
+        refined = met[:, :2] / met[:, 2:]
+        if np.linalg.norm(refined - rough, axis=1).max() > 2.0 + reach:
             return rough
-    return found
+    return refined
 
 
 def _edge(image: np.ndarray, a: np.ndarray, b: np.ndarray, middle: np.ndarray, reach: float) -> np.ndarray | None:

@@ -55,9 +55,9 @@ class MatchParts:
             made.append(taken(self.database, numbers))
             return made[0]
 
-        found = self.parts.made(f"matches {hash_of([self._content, str(settings), pairs])}", make)
+        stored_matches = self.parts.made(f"matches {hash_of([self._content, str(settings), pairs])}", make)
         if not made:
-            put_back(self.database, found)
+            put_back(self.database, stored_matches)
         return None
 
 

@@ -95,8 +95,8 @@ def inverse_but_for(normal: np.ndarray, free: np.ndarray, distance: float) -> np
     kept = across.T @ normal @ across
     size = np.diag(kept)
     scale = 1 / np.sqrt(np.where(size > 0, size, 1.0))
-    found = np.linalg.inv(kept * scale[:, None] * scale + FAINTEST * np.eye(len(kept))) * scale[:, None] * scale
-    return np.asarray(across @ (0.5 * (found + found.T)) @ across.T)
+    inverse = np.linalg.inv(kept * scale[:, None] * scale + FAINTEST * np.eye(len(kept))) * scale[:, None] * scale
+    return np.asarray(across @ (0.5 * (inverse + inverse.T)) @ across.T)
 
 
 def _attitudes_still(R: np.ndarray, turns: np.ndarray, free: np.ndarray) -> np.ndarray:
@@ -118,5 +118,5 @@ def _by_region(score: np.ndarray, points: SparsePoints) -> np.ndarray:
 def _of_inertia(spread: np.ndarray, still: np.ndarray) -> np.ndarray:
     """(5, 5) covariance of the inertia's logarithm in `BASIS`, in the axes of the attitudes, by the errors `spread` (m, q) that clusters
     of observations add to a motion: no rounding makes it less than nothing, however faint what the film shows."""
-    own = spread @ still[6:MOTION].T
-    return np.asarray(own.T @ own)
+    inertia_errors = spread @ still[6:MOTION].T
+    return np.asarray(inertia_errors.T @ inertia_errors)

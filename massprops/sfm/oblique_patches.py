@@ -68,11 +68,11 @@ def patch_candidates(views: Views, points: SparsePoints, own: np.ndarray, reach:
             for v in (i, j):
                 if v not in images:
                     images[v] = grey(v)
-            found = _found(views, (i, j), points.xyz[p], n, reach, (images[i], images[j]))
-            if found is not None:
+            position = _found(views, (i, j), points.xyz[p], n, reach, (images[i], images[j]))
+            if position is not None:
                 point.append(p)
                 view.append(j)
-                place.append(found)
+                place.append(position)
     return Candidates(np.array(point, int), np.array(view, int), np.array(place, float).reshape(-1, 2))
 
 

@@ -59,22 +59,22 @@ def own_features(database: Path, options: MappingOptions) -> dict[str, np.ndarra
         places = {im.image_id: np.asarray(db.read_keypoints(im.image_id), float)[:, :2] for im in images}
         count = [len(places[im.image_id]) for im in images]
         first = dict(zip(places, np.cumsum([0, *count[:-1]]).tolist(), strict=True))
-        found: list[Motion] = []
+        pair_motions: list[Motion] = []
         for number, (pair_id, geometry) in enumerate(zip(*db.read_two_view_geometries(), strict=True)):
             pair = pycolmap.pair_id_to_image_pair(pair_id)
             matches = np.asarray(db.read_matches(*pair), int).reshape(-1, 2)
             inliers = np.asarray(geometry.inlier_matches, int).reshape(-1, 2)
             seen = [(cameras[db.read_image(i).camera_id], places[i]) for i in pair]
             offset = np.array([first[i] for i in pair])
-            found += [Motion(number, m + offset) for m in motions(matches, inliers, seen, options)]
+            pair_motions += [Motion(number, m + offset) for m in motions(matches, inliers, seen, options)]
     middle = [0.5 * np.array([cameras[im.camera_id].width, cameras[im.camera_id].height]) for im in images]
     place = [
         (places[im.image_id] - half).reshape(-1, 2) / (2 * half.max()) for im, half in zip(images, middle, strict=True)
     ]
-    own = label(FeaturePlaces(np.concatenate(place), np.repeat(np.arange(len(images)), count)), found)
-    if own is None:
+    of_object = label(FeaturePlaces(np.concatenate(place), np.repeat(np.arange(len(images)), count)), pair_motions)
+    if of_object is None:
         return {}
-    return {im.name: part for im, part in zip(images, np.split(own, np.cumsum(count)[:-1]), strict=True)}
+    return {im.name: part for im, part in zip(images, np.split(of_object, np.cumsum(count)[:-1]), strict=True)}
 
 
 def motions(
@@ -95,10 +95,10 @@ def motions(
     out, rest = [inliers], _without(matches, inliers)
     (camera1, uv1), (camera2, uv2) = seen
     while len(rest) >= options.least_matches and len(out) < MOST:
-        found = pycolmap.estimate_calibrated_two_view_geometry(
+        geometry = pycolmap.estimate_calibrated_two_view_geometry(
             camera1, uv1, camera2, uv2, rest.astype(np.uint32), verification(options)
         )
-        more = np.asarray(found.inlier_matches, int).reshape(-1, 2)
+        more = np.asarray(geometry.inlier_matches, int).reshape(-1, 2)
         if len(more) < options.least_matches:
             break
         out.append(more)
@@ -120,7 +120,7 @@ def label(features: FeaturePlaces, found: list[Motion]) -> np.ndarray | None:
     pairs: dict[int, list[np.ndarray]] = {}
     for motion in found:
         pairs.setdefault(motion.pair, []).append(motion.matches.ravel())
-    moved = [own for own in pairs.values() if len(own) > 1]
+    moved = [selected for selected in pairs.values() if len(selected) > 1]
     if not moved:
         return None
     edges = np.concatenate([m.matches for m in found])
@@ -128,25 +128,25 @@ def label(features: FeaturePlaces, found: list[Motion]) -> np.ndarray | None:
     matched = np.zeros(len(features.place), bool)
     matched[edges.ravel()] = True
     centre, spread = np.zeros(2), FIRST_SPREAD**2 * np.eye(2)
-    own: np.ndarray | None = None
+    selected: np.ndarray | None = None
     for _ in range(ROUNDS):
         here = _speaks(features.place, centre, spread)
-        likely = here if own is None else here + np.where(own, 1.0, -1.0)
+        likely = here if selected is None else here + np.where(selected, 1.0, -1.0)
         votes = np.zeros(len(matched))
         for of_pair in moved:
             best = max(range(len(of_pair)), key=lambda k: float(likely[of_pair[k]].mean()))
             for k, ends in enumerate(of_pair):
                 votes[ends] += 1.0 if k == best else -1.0
         new = _cut(PLACE * here + np.clip(votes, -MOST_VOTES, MOST_VOTES), edges, beside)
-        if own is not None and np.array_equal(new, own):
+        if selected is not None and np.array_equal(new, selected):
             break
-        own = new
-        if np.count_nonzero(own & matched) <= NEIGHBOURS:
+        selected = new
+        if np.count_nonzero(selected & matched) <= NEIGHBOURS:
             return None
-        there = features.place[own & matched]
+        there = features.place[selected & matched]
         centre = np.median(there, axis=0)
         spread = (there - centre).T @ (there - centre) / len(there)
-    return own
+    return selected
 
 
 def _speaks(place: np.ndarray, centre: np.ndarray, spread: np.ndarray) -> np.ndarray:

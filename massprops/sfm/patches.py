@@ -79,11 +79,11 @@ def _warped(
         return False
     offset = n[0] * c[0] + n[1] * c[1] + n[2] * c[2]
     margin = FARTHEST + 2
-    us, vs, weight, own = work[0], work[1], work[2], work[3:6]
+    us, vs, weight, in_first = work[0], work[1], work[2], work[3:6]
     for k in range(SIDE * SIDE):
         us[k], vs[k] = u0 + k % SIDE - RADIUS, v0 + k // SIDE - RADIUS
-    _sample(pictures.grey[a], us, vs, 0.0, 0.0, own)
-    value = own[0]
+    _sample(pictures.grey[a], us, vs, 0.0, 0.0, in_first)
+    value = in_first[0]
     for k in range(SIDE * SIDE):
         likeness = (value[k] - value[MIDDLE]) * sharp
         dx, dy = us[k] - u0, vs[k] - v0
@@ -158,11 +158,11 @@ def _one(
     """
     if not _warped(pictures, a, b, plane, to_second, sharp, work):
         return
-    us, vs, weight, own, there = work[0], work[1], work[2], work[3:6], work[6:9]
+    us, vs, weight, in_first, there = work[0], work[1], work[2], work[3:6], work[6:9]
     du, dv, alike = 0.0, 0.0, -1.0
     for _ in range(ROUNDS):
         _sample(pictures.grey[b], us, vs, du, dv, there)
-        sx, sy, alike = _shift(weight, own, there, sharp)
+        sx, sy, alike = _shift(weight, in_first, there, sharp)
         if alike < 0:
             return
         step = math.sqrt(sx * sx + sy * sy)

@@ -27,12 +27,12 @@ MOST_POINTS = 3000
 
 def with_images_of_pattern(model: pycolmap.Reconstruction, given: ModelInputs) -> pycolmap.Reconstruction:
     """The model with every left-out image whose pose can be found; their points are to be found anew."""
-    found = given.found
-    known, clues = known_points(model, found.features, given.options.seed), _Clues(model, given)
+    attempt = given.found
+    known, clues = known_points(model, attempt.features, given.options.seed), _Clues(model, given)
     grown = pycolmap.Reconstruction(model)
     placed = set(known.views.names)
-    left = [f.name for f in given.footage.frames if f.name in found.features and f.name not in placed]
-    for done, name in enumerate(left):
+    remaining_names = [f.name for f in given.footage.frames if f.name in attempt.features and f.name not in placed]
+    for done, name in enumerate(remaining_names):
         image = clues.photograph(name)
         rng = np.random.default_rng([given.options.seed, clues.numbers[name]])
         pose = None if image is None else find_pose(known, image, rng)
@@ -40,7 +40,7 @@ def with_images_of_pattern(model: pycolmap.Reconstruction, given: ModelInputs) -
             at = pycolmap.Rigid3d(np.column_stack([pose.R, pose.t]))
             record = pycolmap.Image(name=name, camera_id=clues.camera[name], image_id=clues.numbers[name])
             grown.add_image_with_trivial_frame(record, at)
-        given.progress(done + 1, len(left), "placing by the pattern")
+        given.progress(done + 1, len(remaining_names), "placing by the pattern")
     return grown
 
 
@@ -87,8 +87,8 @@ class _Clues:
         with pycolmap.Database.open(self.given.found.database) as db:
             for row, other in enumerate(self.ids):
                 matches = _matches(db, self.numbers[name], other)
-                own, there = self._in_space(row, matches)
-                feature.append(own)
+                matched_features, there = self._in_space(row, matches)
+                feature.append(matched_features)
                 xyz.append(there)
         size = np.array([camera.width, camera.height])
         return Photograph(

@@ -146,7 +146,7 @@ def _from_clues(image: Photograph, rng: np.random.Generator) -> list[tuple[np.nd
 
 def _settled(known: Known, image: Photograph, R: np.ndarray, t: np.ndarray) -> Pose | None:
     """The pose refined by the points found where it shows them; None where too few are."""
-    shown = found = 0
+    shown = inliers = 0
     for gate in GATES:
         radius = gate * float(image.size.max())
         points, feature, shown = _looked_for(known, image, (R, t), radius)
@@ -164,9 +164,9 @@ def _settled(known: Known, image: Photograph, R: np.ndarray, t: np.ndarray) -> P
         )
         if fitted is None:
             return None
-        pose, found = np.asarray(fitted["cam_from_world"].matrix()), int(np.sum(fitted["inlier_mask"]))
+        pose, inliers = np.asarray(fitted["cam_from_world"].matrix()), int(np.sum(fitted["inlier_mask"]))
         R, t = pose[:, :3], pose[:, 3]
-    return Pose(R, t, image.agreeing(R, t), found, shown)
+    return Pose(R, t, image.agreeing(R, t), inliers, shown)
 
 
 def _looked_for(

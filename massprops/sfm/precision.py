@@ -194,13 +194,13 @@ def _lens(s: Derivatives, points: SparsePoints, how: Adjusted) -> Lens:
     focal_at: dict[int, int] = {}
     bent_at: dict[int, int] = {}
     for c, number in terms.items():
-        own = (camera == c)[:, None]
+        of_camera = (camera == c)[:, None]
         if c in free:
             focal_at[c] = len(columns)
-            columns.append(np.where(own, np.stack([s.x * s.radial, s.y * s.radial], 1) * s.f[:, None], 0.0))
+            columns.append(np.where(of_camera, np.stack([s.x * s.radial, s.y * s.radial], 1) * s.f[:, None], 0.0))
         for power in range(1, number + 1):
             bent_at.setdefault(c, len(columns))
-            columns.append(np.where(own, np.stack([s.x * s.r2**power, s.y * s.r2**power], 1) * s.f[:, None], 0.0))
+            columns.append(np.where(of_camera, np.stack([s.x * s.r2**power, s.y * s.r2**power], 1) * s.f[:, None], 0.0))
     return Lens(columns, focal_at, bent_at)
 
 

@@ -41,10 +41,10 @@ MOST_ROUNDS = 60
 
 def add_predicted_images(model: pycolmap.Reconstruction, given: ModelInputs) -> pycolmap.Reconstruction:
     """Adds the images whose poses the motion predicts, a few in each round; returns the model."""
-    found, frames = given.found, given.footage.frames
-    units = {n: unit(d) for n, (_, d) in found.features.items()}
-    numbers = image_numbers(found.database)
-    order = [f.name for f in frames if f.name in found.features]
+    attempt, frames = given.found, given.footage.frames
+    units = {n: unit(d) for n, (_, d) in attempt.features.items()}
+    numbers = image_numbers(attempt.database)
+    order = [f.name for f in frames if f.name in attempt.features]
     clock, stood = given.footage.times, {f.name: f.place for f in frames}
     for turn in range(MOST_ROUNDS):
         before = model.num_reg_images()
@@ -53,10 +53,10 @@ def add_predicted_images(model: pycolmap.Reconstruction, given: ModelInputs) -> 
         wanted = predicted(views, points, order, clock, stood)
         if not wanted.names:
             break
-        matches = _matched(views, points, wanted, order, found, units)
-        drop_pairs(found.database, ((numbers[a], numbers[b]) for a, b in matches))
-        verify(found.database, numbers, matches, found.mapping)
-        model = continue_mapping(model, found.database, given.frames, given.work / f"grown{turn}", found.mapping)
+        matches = _matched(views, points, wanted, order, attempt, units)
+        drop_pairs(attempt.database, ((numbers[a], numbers[b]) for a, b in matches))
+        verify(attempt.database, numbers, matches, attempt.mapping)
+        model = continue_mapping(model, attempt.database, given.frames, given.work / f"grown{turn}", attempt.mapping)
         after, ids = to_views(model)
         # by cells of another side, say
         take_out_images(model, np.array(ids, int)[off_prediction(views, wanted, after)].tolist())

@@ -42,48 +42,48 @@ def reconstruct(
     """
     options = options or SfmOptions()
     quiet()
-    found = placed(footage, work, options, progress)
-    if found.moved:  # what is about the object tells nothing of where it was
+    attempt = placed(footage, work, options, progress)
+    if attempt.moved:  # what is about the object tells nothing of where it was
         footage = replace(footage, motion="tumbling")
-    warnings = list(found.warnings)
+    warnings = list(attempt.warnings)
     tumbling = is_film(footage) and footage.motion == "tumbling"
-    settings = refine_options(options, footage, found.mapping)
-    options, model = replace(options, refine=settings), found.models[0]
-    given = ModelInputs(found, footage, options, work, progress)
+    settings = refine_options(options, footage, attempt.mapping)
+    options, model = replace(options, refine=settings), attempt.models[0]
+    given = ModelInputs(attempt, footage, options, work, progress)
     require_sound(take_out(model, settings.given_focal)[2], settings.moving)
-    first = found.database
-    if found.special:
-        first = kept_matches(found.database, work)
-        model, found, more = by_prediction(model, given, first, tumbling)
+    first = attempt.database
+    if attempt.special:
+        first = kept_matches(attempt.database, work)
+        model, attempt, more = by_prediction(model, given, first, tumbling)
         warnings += more
     else:
         model = close_loops(model, given)
         whole = model.num_reg_images()
         if tumbling:
-            model, found = unfolded(model, given)
-            model, more = with_pieces(model, found, given)
+            model, attempt = unfolded(model, given)
+            model, more = with_pieces(model, attempt, given)
             warnings += more
     along = along_free_motion(model, given) if tumbling and len(footage.cameras) == 1 else None
     if along is not None:
         model, following = along
         options = replace(options, refine=replace(options.refine, following=following))
-    if found is not given.found and not found.special:
+    if attempt is not given.found and not attempt.special:
         warnings += left_out(whole - model.num_reg_images())
     if not footage.moving_pictures and model.num_reg_images() < len(footage.frames):
         model = add_left_out_images(model, given)
-        if not (found.repeats or found.matches_required):
-            model = join_models(model, apart(model, found.models), given)
-    sizes = tuple((m.num_reg_images(), m.num_points3D()) for m in (model, *apart(model, found.models)))
+        if not (attempt.repeats or attempt.matches_required):
+            model = join_models(model, apart(model, attempt.models), given)
+    sizes = tuple((m.num_reg_images(), m.num_points3D()) for m in (model, *apart(model, attempt.models)))
     mapped = pycolmap.Reconstruction(model)
-    result = finish(model, footage, found.mapping, options, sizes, list(warnings), progress)
+    result = finish(model, footage, attempt.mapping, options, sizes, list(warnings), progress)
     result = with_shutter(corrected_by_shutter(result, mapped, given, sizes, warnings))
-    against = contradictions(model, found.database if footage.background == "black" else first)
-    said = against.said({f.name: f.source_name for f in footage.frames})
-    masked = found.mapping.masked
+    against = contradictions(model, attempt.database if footage.background == "black" else first)
+    objections = against.said({f.name: f.source_name for f in footage.frames})
+    masked = attempt.mapping.masked
     return replace(
         result,
         against=against,
-        matches_required=found.matches_required,
+        matches_required=attempt.matches_required,
         masked=masked,
-        warnings=(*result.warnings, *said),
+        warnings=(*result.warnings, *objections),
     )

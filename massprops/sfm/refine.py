@@ -138,9 +138,9 @@ def remove_outliers(model: pycolmap.Reconstruction, options: RefineOptions, leas
     Raises:
         NotPossible: too little is left.
     """
-    views, points, found = take_out(model, options.given_focal)
-    require_sound(found, options.moving)
-    sigma = robust_sigma(np.linalg.norm(residuals(views, points.observed(found.observations)), axis=1))
+    views, points, soundness = take_out(model, options.given_focal)
+    require_sound(soundness, options.moving)
+    sigma = robust_sigma(np.linalg.norm(residuals(views, points.observed(soundness.observations)), axis=1))
     bound = float(np.clip(options.cut * sigma, least_cut_px or options.least_cut_px, 4.0))
     manager = pycolmap.ObservationManager(model)
     manager.filter_all_points3D(bound, options.least_angle_deg)
@@ -350,11 +350,11 @@ def _k1(model: pycolmap.Reconstruction, options: RefineOptions, free_focal: bool
     camera = np.array([trial.image(i).camera_id for i in ids], int)
     points = to_points(trial, ids)
     main = int(np.argmax(np.bincount(camera)))
-    own = points.obs_view[camera[points.obs_view] == main]
+    observing_views = points.obs_view[camera[points.obs_view] == main]
     uv = points.obs_uv[camera[points.obs_view] == main]
     i = int(np.flatnonzero(camera == main)[0])
     k1, focal = float(views.distortion[i, 0]), float(views.K[i, 0, 0])
-    K = views.K[own]
+    K = views.K[observing_views]
     r = np.linalg.norm((uv - K[:, :2, 2]) / K[:, 0, 0][:, None], axis=1)
     return _K1(main, k1, p.distortion, float(abs(k1) * np.percentile(r, 98) ** 3 * focal))
 

@@ -77,8 +77,8 @@ class Shutter:
         """Relative 1-sigma by which the focal length is less sure for it."""
         if not self.said() or self.readout is None:
             return 0.0
-        left = 1.0 if self.doubtful else self.sigma / max(abs(self.readout.duration), 1e-9)
-        return abs(self.focal) * left
+        relative_sigma = 1.0 if self.doubtful else self.sigma / max(abs(self.readout.duration), 1e-9)
+        return abs(self.focal) * relative_sigma
 
     def said(self) -> str:
         """One line for the user; empty where there is nothing to say."""
@@ -158,15 +158,15 @@ class Keypoints:
         seen = self.seen(model, times)
         xy = seen.uv - row_shifts(seen.views, seen.points, seen.motion, readout, seen.uv) + HALF
         for row, i in enumerate(seen.ids):
-            own, places = xy[seen.points.obs_view == row], model.image(i).points2D
-            for k, place in zip(_observed(model.image(i)), own, strict=True):
+            corrected, places = xy[seen.points.obs_view == row], model.image(i).points2D
+            for k, place in zip(_observed(model.image(i)), corrected, strict=True):
                 places[int(k)].xy = place
 
 
 def _observed(image: pycolmap.Image) -> np.ndarray:
     """Numbers of an image's features that belong to points, in the order in which `to_points` lists them."""
-    found = [(p.point3D_id, k) for k, p in enumerate(image.points2D) if p.has_point3D()]
-    return np.array([k for _, k in sorted(found, key=lambda o: o[0])], int)
+    point_and_feature = [(p.point3D_id, k) for k, p in enumerate(image.points2D) if p.has_point3D()]
+    return np.array([k for _, k in sorted(point_and_feature, key=lambda o: o[0])], int)
 
 
 def find_shutter(

@@ -77,10 +77,10 @@ def motion_of(views: Views, times: np.ndarray, middle: np.ndarray, reach: int = 
     turn, shift, known = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n, bool)
     stream = np.array([name.split("/", 1)[0] for name in views.names])
     for one in np.unique(stream):
-        own = np.flatnonzero(stream == one)
-        own = own[np.argsort(times[own], kind="stable")]
-        for place, i in enumerate(own):
-            for near in _neighbours(own, place, reach):
+        in_stream = np.flatnonzero(stream == one)
+        in_stream = in_stream[np.argsort(times[in_stream], kind="stable")]
+        for place, i in enumerate(in_stream):
+            for near in _neighbours(in_stream, place, reach):
                 rates = _rates(views, times, middle, int(i), near)
                 if rates is not None:
                     (turn[i], shift[i]), known[i] = rates, True

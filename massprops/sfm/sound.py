@@ -153,8 +153,8 @@ def require_sound(found: Sound, moving: str = "the camera moves around the objec
     Raises:
         NotPossible: fewer than three views are; the message says what of the footage is the cause.
     """
-    left = int(found.views.sum())
-    if left >= 3:
+    remaining_views = int(found.views.sum())
+    if remaining_views >= 3:
         return
     total = len(found.views)
     if found.focal > 0.5 * total:
@@ -169,7 +169,7 @@ def require_sound(found: Sound, moving: str = "the camera moves around the objec
         )
     # a model that was thinned out before may have no images left to count
     which = (
-        f"only {left} of {total} images hold together: the others"
+        f"only {remaining_views} of {total} images hold together: the others"
         if total >= 3
         else "no three images hold together: they"
     )
@@ -193,12 +193,12 @@ def take_out(
 
     views, ids = to_views(model)
     points = to_points(model, ids)
-    found = sound(views, points, given_focal, given_poses)
+    soundness = sound(views, points, given_focal, given_poses)
     kept = np.zeros(len(points.xyz), bool)
-    kept[points.obs_point[found.observations]] = True
+    kept[points.obs_point[soundness.observations]] = True
     for point_id in points.id[~kept].tolist():
         model.delete_point3D(point_id)
-    odd = ~found.observations & kept[points.obs_point] & found.views[points.obs_view]
+    odd = ~soundness.observations & kept[points.obs_point] & soundness.views[points.obs_view]
     pairs = np.unique(
         np.column_stack([points.id[points.obs_point[odd]], np.array(ids, int)[points.obs_view[odd]]]), axis=0
     )
@@ -209,9 +209,9 @@ def take_out(
     frames = np.array([model.image(i).frame_id for i in ids], int)
     manager = pycolmap.ObservationManager(model)
     # the second camera of a rig has the pose of the first: it may see nothing of its own
-    for frame_id in sorted(set(frames[~found.views].tolist()) - set(frames[found.views].tolist())):
+    for frame_id in sorted(set(frames[~soundness.views].tolist()) - set(frames[soundness.views].tolist())):
         manager.deregister_frame(frame_id)
-    return views, points, found
+    return views, points, soundness
 
 
 def flatness(points: SparsePoints) -> float:

@@ -40,7 +40,7 @@ def import_sparse(
     except Exception as error:
         raise InputError(f"{place}: not a readable COLMAP model ({excerpt(error)}); export it again") from error
     try:
-        views, points, found = take_out(model, given_focal=True, given_poses=True)
+        views, points, soundness = take_out(model, given_focal=True, given_poses=True)
     except (
         KeyError,
         IndexError,
@@ -48,10 +48,10 @@ def import_sparse(
         OverflowError,
     ) as error:  # points that it lacks, names and sizes that are none
         raise InputError(f"{place}: a damaged COLMAP model ({excerpt(error)}); export it again") from error
-    points = points.observed(found.observations)
+    points = points.observed(soundness.observations)
     frame_of = _frame_names(footage, views.names)
     in_footage = [name in frame_of for name in views.names]
-    kept = [i for i, (named, held) in enumerate(zip(in_footage, found.views, strict=True)) if named and held]
+    kept = [i for i, (named, held) in enumerate(zip(in_footage, soundness.views, strict=True)) if named and held]
     if sum(in_footage) < 3:
         raise NotPossible(
             f"{place}: only {sum(in_footage)} of its {len(views)} images are in the footage; use the image names of the footage"
@@ -134,8 +134,8 @@ def _frame_names(footage: FootageRecord, names: tuple[str, ...]) -> dict[str, st
     for key in keys:
         table: dict[str, list[str]] = {}
         for frame in footage.frames:
-            for own in {key(frame.name), key(frame.source_name or frame.name)}:
-                table.setdefault(own, []).append(frame.name)
+            for frame_key in {key(frame.name), key(frame.source_name or frame.name)}:
+                table.setdefault(frame_key, []).append(frame.name)
         for name in names:
             match = table.get(key(name), [])
             if name not in out and len(match) == 1 and match[0] not in taken:

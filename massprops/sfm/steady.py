@@ -32,17 +32,17 @@ def steady_stretch(R: np.ndarray, times: np.ndarray, core: np.ndarray) -> np.nda
     """
     keep, inside = np.ones(len(times), bool), np.flatnonzero(core)
     while np.count_nonzero(keep) >= 5 and len(inside):
-        own = np.flatnonzero(keep)
-        change, usual = _changes(R[own], times[own])
+        kept = np.flatnonzero(keep)
+        change, usual = _changes(R[kept], times[kept])
         if change.max() < usual:
             break
-        at = own[int(np.argmax(change)) + 2]
+        at = kept[int(np.argmax(change)) + 2]
         if at < inside[len(inside) // 2]:
             keep[: max(1, min(at + 1, inside[0]))] = False
         else:
             keep[min(len(keep) - 1, max(at, inside[-1] + 1)) :] = False
         keep |= core
-        if np.array_equal(np.flatnonzero(keep), own):
+        if np.array_equal(np.flatnonzero(keep), kept):
             return core.copy()
     return keep
 
@@ -53,14 +53,14 @@ def stretches(R: np.ndarray, times: np.ndarray) -> list[np.ndarray]:
     Args:
         R: (n, 3, 3) world to camera; times: (n,) ascending, any unit.
     """
-    out, left = [], [np.arange(len(times))]
-    while left:
-        own = left.pop()
+    out, remaining = [], [np.arange(len(times))]
+    while remaining:
+        own = remaining.pop()
         if len(own) >= 5:
             change, usual = _changes(R[own], times[own])
             if change.max() >= usual:
                 at = int(np.argmax(change)) + 2
-                left += [own[:at], own[at + 1 :]]
+                remaining += [own[:at], own[at + 1 :]]
                 continue
         out.append(own)
     return sorted(out, key=lambda own: (-len(own), own[0]))

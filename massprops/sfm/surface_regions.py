@@ -14,11 +14,11 @@ def regions(xyz: np.ndarray, count: np.ndarray) -> np.ndarray:
     label = np.zeros(len(xyz), int)
     for new in range(1, REGIONS):
         weight = np.bincount(label, count, minlength=new)
-        own = np.flatnonzero(label == int(np.argmax(weight)))
-        if len(own) < 2:
+        in_region = np.flatnonzero(label == int(np.argmax(weight)))
+        if len(in_region) < 2:
             break
-        axis = int(np.argmax(np.ptp(xyz[own], axis=0)))
-        order = own[np.argsort(xyz[own, axis], kind="stable")]
+        axis = int(np.argmax(np.ptp(xyz[in_region], axis=0)))
+        order = in_region[np.argsort(xyz[in_region, axis], kind="stable")]
         half = int(np.searchsorted(np.cumsum(count[order]), 0.5 * count[order].sum()))
         label[order[min(max(half, 1), len(order) - 1) :]] = new
     return label

@@ -154,22 +154,22 @@ def follow_pieces(views: Views, image: Image, cloud: DensePoints, factor: float,
     sight /= np.linalg.norm(sight, axis=2, keepdims=True)
     facing = np.einsum("mni,mi->mn", sight, normal)
     seen = (facing > FACING) & _in_sight(views, pictures, every, xyz, facing, factor)
-    own = np.zeros_like(seen)
+    measured = np.zeros_like(seen)
     which, place = entries(cloud.view_start.astype(np.int64), chosen)
-    own[which, cloud.view_index[place]] = True
-    own &= seen
-    home = np.where(own, facing, -1).argmax(1)
+    measured[which, cloud.view_index[place]] = True
+    measured &= seen
+    home = np.where(measured, facing, -1).argmax(1)
     rows = np.arange(len(home))
-    wanted = seen & own.any(1)[:, None]
+    wanted = seen & measured.any(1)[:, None]
     wanted &= np.einsum("mni,mi->mn", sight, sight[rows, home]) > np.cos(np.deg2rad(WIDEST))
     wanted[rows, home] = False
     lot = np.where(wanted, np.random.default_rng([seed, 17]).random(wanted.shape), 2.0)
     wanted &= lot <= np.sort(lot, axis=1)[:, min(VIEWS, len(views)) - 1 : min(VIEWS, len(views))]
     point, view = np.nonzero(wanted)
     sharp = 1.0 / thresholds(float(np.median(noise)))[0]
-    found = follow(point, home[point], view, (xyz, normal), (views.R, views.t), pictures, sharp)
-    good = found[:, 2] > CORRELATION
-    point, view, uv = point[good], view[good], found[good, :2]
+    followed = follow(point, home[point], view, (xyz, normal), (views.R, views.t), pictures, sharp)
+    good = followed[:, 2] > CORRELATION
+    point, view, uv = point[good], view[good], followed[good, :2]
     often = np.bincount(point, minlength=len(xyz)) >= 2
     keep, point_of = often[point], np.cumsum(often) - 1
     xyz, normal, home, K = xyz[often], normal[often], home[often], pictures.K

@@ -53,10 +53,10 @@ class VerifiedMatches:
     def of(self, kept: Sequence[bool]) -> VerifiedMatches:
         """Those of the pairs (p,) kept."""
         keep = np.asarray(kept, bool)
-        own = keep[self.pair]
+        of_kept = keep[self.pair]
         row = np.cumsum(keep) - 1
         pairs = tuple(p for p, k in zip(self.pairs, keep, strict=True) if k)
-        return VerifiedMatches(pairs, row[self.pair[own]], self.places[own], self.near[own])
+        return VerifiedMatches(pairs, row[self.pair[of_kept]], self.places[of_kept], self.near[of_kept])
 
     def on(self, masks: Mapping[str, np.ndarray]) -> np.ndarray:
         """(m,) bool, which matches lie on the object in both images.
@@ -68,8 +68,8 @@ class VerifiedMatches:
         inside = np.ones(len(self.pair), bool)
         for side in (0, 1):
             for name in np.unique(names[:, side]):
-                own = names[:, side] == name
-                inside[own] &= _inside(masks.get(name), self.places[own, 2 * side : 2 * side + 2])
+                of_image = names[:, side] == name
+                inside[of_image] &= _inside(masks.get(name), self.places[of_image, 2 * side : 2 * side + 2])
         return inside
 
 
@@ -116,17 +116,19 @@ def said_against(
     """
     size = len(matches.pairs)
     all_of, near_of = _counts(matches.pair, size), _counts(matches.pair[matches.near], size)
-    own, own_near = _counts(matches.pair[inside], size), _counts(matches.pair[inside & matches.near], size)
-    told = own >= LEAST
-    borne_out = told & (own_near >= BORNE_OUT * own)
+    of_object, own_near = _counts(matches.pair[inside], size), _counts(matches.pair[inside & matches.near], size)
+    told = of_object >= LEAST
+    borne_out = told & (own_near >= BORNE_OUT * of_object)
     leads = borne_out | (film.turning & (all_of >= LEAST) & (near_of >= BORNE_OUT * all_of))
     against = told & ~borne_out & ~_bridged(matches.pairs, leads, film.names)
     apart = _apart(matches.pairs, leads)
     elsewhere = apart & (all_of >= LEAST) & (near_of < BORNE_OUT * all_of)
     images = len({name for pair in matches.pairs for name in pair})
     # a handful of the object's matches are no opinion of all its images
-    share = np.array([own @ against / max(own @ told, LEAST * images, 1), all_of @ elsewhere / max(all_of.sum(), 1)])
-    count = np.where(against, own, np.where(elsewhere, all_of, 0))
+    share = np.array(
+        [of_object @ against / max(of_object @ told, LEAST * images, 1), all_of @ elsewhere / max(all_of.sum(), 1)]
+    )
+    count = np.where(against, of_object, np.where(elsewhere, all_of, 0))
     worst = int(count.argmax()) if size and count.any() else None
     return float(share.max()), None if worst is None else matches.pairs[worst]
 

@@ -29,9 +29,9 @@ class Source(Protocol):
 @cache
 def sources() -> dict[str, Source]:
     """Every source by its name."""
-    own = {name: import_module(f"{__name__}.{name}") for name in names_of(__name__)}
-    found = own | packaged("massprops.scale_sources", faults_by({"NAME": is_text, **WANTED}), own)[0]
-    return cast("dict[str, Source]", found)
+    built_in = {name: import_module(f"{__name__}.{name}") for name in names_of(__name__)}
+    by_name = built_in | packaged("massprops.scale_sources", faults_by({"NAME": is_text, **WANTED}), built_in)[0]
+    return cast("dict[str, Source]", by_name)
 
 
 def find_scale(inputs: ScaleInputs) -> Scale:
@@ -40,5 +40,5 @@ def find_scale(inputs: ScaleInputs) -> Scale:
     Raises:
         InputError: a source was asked for with values that cannot be used.
     """
-    found = [source.estimate(inputs) for source in sources().values()]
-    return choose([f for f in found if f is not None], inputs.length)
+    estimates = [source.estimate(inputs) for source in sources().values()]
+    return choose([f for f in estimates if f is not None], inputs.length)

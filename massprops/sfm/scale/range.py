@@ -16,8 +16,10 @@ def estimate(inputs: ScaleInputs) -> ScaleEstimate | None:
     r, views = inputs.range, inputs.views
     if r is None or views is None or inputs.centre_of_mass is None or len(r.range_m) == 0:
         return None
-    own = views.of_first_camera
-    inside = own & (views.timestamp_ns >= r.timestamp_ns.min()) & (views.timestamp_ns <= r.timestamp_ns.max())
+    of_first_camera = views.of_first_camera
+    inside = (
+        of_first_camera & (views.timestamp_ns >= r.timestamp_ns.min()) & (views.timestamp_ns <= r.timestamp_ns.max())
+    )
     if inside.sum() < 3:
         raise InputError("range0/data.csv: no ranges at the times of the images; check that both use one clock")
     order = np.argsort(r.timestamp_ns, kind="stable")
