@@ -56,8 +56,8 @@ def completed(job: Job, views: Views, folder: Path, placement: dict[str, Any]) -
     def looked_at(vertices: np.ndarray, faces: np.ndarray) -> Looked:
         return Looked.at(small, images.__getitem__, plane, (vertices, faces), standing, pixel)
 
-    found = evidence_of(looked_at(vertices, faces))
-    parts = [part for part in missing_parts(found, plane, vertices, standing, pixel) if part.sure]
+    evidence = evidence_of(looked_at(vertices, faces))
+    parts = [part for part in missing_parts(evidence, plane, vertices, standing, pixel) if part.sure]
     if parts:
         measured = len(faces)
         for part in parts:
@@ -65,7 +65,7 @@ def completed(job: Job, views: Views, folder: Path, placement: dict[str, Any]) -
             vertices = np.concatenate([vertices, part.vertices])
         np.savez(folder / "shape.npz", vertices=vertices, faces=faces, measured=measured)
         # places that the parts hide are not the support's
-        found = evidence_of(looked_at(vertices, faces))
-    foot = foot_picture(found.seen, own_points(folder))
-    learned(found.seen, (foot, found.picture)).save(folder / EVIDENCE)
+        evidence = evidence_of(looked_at(vertices, faces))
+    foot = foot_picture(evidence.seen, own_points(folder))
+    learned(evidence.seen, (foot, evidence.picture)).save(folder / EVIDENCE)
     return len(parts)

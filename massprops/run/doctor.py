@@ -38,7 +38,7 @@ class Finding:
 
 def examine() -> list[Finding]:
     """Every finding; each native library is tried in a process of its own, since a broken one can crash."""
-    found = [
+    findings = [
         Finding("python", sys.version_info >= (3, 11), sys.version.split()[0]),
         Finding("processors", True, f"{processors()} usable"),
     ]
@@ -50,24 +50,24 @@ def examine() -> list[Finding]:
             [sys.executable, "-P", "-c", code], capture_output=True, text=True, timeout=120, check=False
         )
         if done.returncode == 0:
-            found.append(Finding(name, True, known.get(name, "")))
+            findings.append(Finding(name, True, known.get(name, "")))
         else:
             last = (done.stderr.strip().splitlines() or [f"died with code {done.returncode}"])[-1]
             last = last.removeprefix("massprops.errors.InputError: ")
             todo = _advice(name, last)
-            found.append(Finding(name, False, last if todo in last else f"{last}; {todo}"))
+            findings.append(Finding(name, False, last if todo in last else f"{last}; {todo}"))
     free = shutil.disk_usage(Path.cwd()).free / 1e9
-    found.append(
+    findings.append(
         Finding(
             "free disk", free > 2, f"{free:.1f} GB" + ("" if free > 2 else "; a run needs up to 2 GB: free some space")
         )
     )
     memory = _memory_gb()
     if memory is not None:
-        found.append(
+        findings.append(
             Finding("free memory", memory > 2, f"{memory:.1f} GB" + ("" if memory > 2 else "; a run needs 2 GB"))
         )
-    return found
+    return findings
 
 
 def _advice(name: str, message: str) -> str:

@@ -62,9 +62,9 @@ class Visible:
 
     def moved(self, R: np.ndarray, t: np.ndarray) -> Visible:
         """The same after x -> R x + t."""
-        vertices, own, other = (x @ R.T + t for x in (self.vertices, self.own, self.other))
+        vertices, object_points, other = (x @ R.T + t for x in (self.vertices, self.own, self.other))
         support = None if self.support is None else self.support.moved(R, t)
-        return replace(self, vertices=vertices, own=own, other=other, support=support)
+        return replace(self, vertices=vertices, own=object_points, other=other, support=support)
 
     def with_shape(self, other: Visible) -> Visible:
         """The same with another placement's shape of the object put to its own."""

@@ -19,7 +19,7 @@ MOST_RUNS, LARGEST_BYTES = 5, 4_000_000
 def earlier_times(run: Path) -> list[dict[str, float]]:
     """Seconds of each stage, in order, of the newest runs that were finished in this folder or beside it."""
     files = [p for p in run.resolve().parent.glob("*/run.yaml") if p.stat().st_size < LARGEST_BYTES]
-    found = []
+    seconds_by_run = []
     for path in sorted(files, key=lambda p: -p.stat().st_mtime)[:MOST_RUNS]:
         try:
             stages = load_yaml(path)["stages"]
@@ -27,8 +27,8 @@ def earlier_times(run: Path) -> list[dict[str, float]]:
         except (InputError, ValueError, KeyError, TypeError, AttributeError):
             continue
         if times:
-            found.append(times)
-    return found
+            seconds_by_run.append(times)
+    return seconds_by_run
 
 
 def left_s(

@@ -100,11 +100,13 @@ def _footage(run: Path) -> dict[str, Any]:
 
 def mask_names(footage: dict[str, Any]) -> list[str]:
     """Where the mask of each frame goes: `NAME.png`, in `camN/` where two streams or files share their names."""
-    own = [f["source_name"] for f in footage["frames"]]
-    apart = len({f["name"].split("/", 1)[0] for f in footage["frames"]}) > 1 or len(set(own)) < len(own)
+    source_names = [f["source_name"] for f in footage["frames"]]
+    apart = len({f["name"].split("/", 1)[0] for f in footage["frames"]}) > 1 or len(set(source_names)) < len(
+        source_names
+    )
     if apart:
         return [f"{f['name']}.png" for f in footage["frames"]]
-    return [f"{name}.png" for name in own]
+    return [f"{name}.png" for name in source_names]
 
 
 def _refuse_mended(outputs: Outputs, force: bool) -> None:

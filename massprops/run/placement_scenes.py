@@ -33,9 +33,9 @@ def scene_by_view(job: Job, views: Views) -> Iterator[tuple[int, Visible]]:
 
     work = job.work("shape")
     painted = learned_paint(measured_folders(work, _placements(work)))
-    for folder, own, move in _joined(job, views):
+    for folder, view_numbers, move in _joined(job, views):
         shown = scene_in(folder, painted).moved(*move)
-        for i in own:
+        for i in view_numbers:
             yield i, shown
 
 
@@ -51,10 +51,14 @@ def _joined(job: Job, views: Views) -> Iterator[tuple[Path, list[int], tuple[np.
     row = {name: i for i, name in enumerate(alone.names)}
     for k, placement in enumerate(_placements(work)):
         names = set(placement["images"])
-        own = [i for i, name in enumerate(views.names) if name in names]
-        if own:
-            there = row[views.names[own[0]]]
-            yield placement_folder(work, k), own, views.move_from(own[0], alone.R[there], alone.t[there])
+        view_numbers = [i for i, name in enumerate(views.names) if name in names]
+        if view_numbers:
+            there = row[views.names[view_numbers[0]]]
+            yield (
+                placement_folder(work, k),
+                view_numbers,
+                views.move_from(view_numbers[0], alone.R[there], alone.t[there]),
+            )
 
 
 def shown_as_support(job: Job, views: Views, cloud: Cloud) -> np.ndarray:
@@ -65,17 +69,18 @@ def shown_as_support(job: Job, views: Views, cloud: Cloud) -> np.ndarray:
     """
     from massprops.surface.silhouette import mean_shown
 
-    low, said = np.zeros(len(cloud), bool), {}
-    for folder, own, move in _joined(job, views):
+    low, support_by_view = np.zeros(len(cloud), bool), {}
+    for folder, view_numbers, move in _joined(job, views):
         support = support_in(folder)
         if support is not None and len(cloud):
             support = support.moved(*move)
             low |= support.at_foot(cloud.xyz)
-            said.update(dict.fromkeys(own, support))
+            support_by_view.update(dict.fromkeys(view_numbers, support))
     if not low.any():
         return low
     # one after the other: those of all images would fill the memory
     odds = (
-        said[i].log_odds(views, i, undistorted_frame(job, views, i)) if i in said else None for i in range(len(views))
+        support_by_view[i].log_odds(views, i, undistorted_frame(job, views, i)) if i in support_by_view else None
+        for i in range(len(views))
     )
     return np.asarray(low & (mean_shown(cloud, views, odds) < SUPPORT))

@@ -259,10 +259,10 @@ class _Chain:
                 remove(path)
             return
         try:
-            found = load_json(path)
+            stopped = load_json(path)
         except InputError:
-            found = {}
-        if found != {"exit_code": 3, "reason": self.outcome.partial, "stage": self.partial_stage}:
+            stopped = {}
+        if stopped != {"exit_code": 3, "reason": self.outcome.partial, "stage": self.partial_stage}:
             self._write_stopped(3, self.outcome.partial, self.partial_stage)
 
     def _write_stopped(self, code: int, reason: str, stage: str) -> None:
@@ -474,7 +474,7 @@ def _versions() -> dict[str, str]:
     import platform
     from importlib.metadata import PackageNotFoundError, version
 
-    found = {"python": platform.python_version()}
+    package_versions = {"python": platform.python_version()}
     for name in (
         "pycolmap",
         "open3d",
@@ -487,7 +487,7 @@ def _versions() -> dict[str, str]:
         "av",
     ):
         try:
-            found[name] = version(name)
+            package_versions[name] = version(name)
         except PackageNotFoundError:
-            found[name] = "missing"
-    return found
+            package_versions[name] = "missing"
+    return package_versions

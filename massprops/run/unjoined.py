@@ -37,8 +37,8 @@ class Unjoined:
 def unjoined(job: Job, place: dict[str, Any], focal_sigma: float) -> list[Unjoined]:
     """What stereo measured of each placement that could not be joined; `place` is `join.json`."""
     numbers = [gone["placement"] for gone in place["unjoined"] if "placement" in gone]
-    found = (_measured(job, k, focal_sigma) for k in numbers)
-    return [one for one in found if one is not None]
+    measured = (_measured(job, k, focal_sigma) for k in numbers)
+    return [one for one in measured if one is not None]
 
 
 def _measured(job: Job, number: int, focal_sigma: float) -> Unjoined | None:
@@ -88,7 +88,7 @@ def on_support_hollows(surface: Surface, support: np.ndarray, underside_hollow: 
         underside_hollow: there is reason to think that the side it stands on is hollow, and then all of it may be a thin shell:
             of a toy car the wheels, seen from both sides, were many times as thick as its walls.
     """
-    found = hollows(
+    possible_hollows = hollows(
         surface.vertices,
         surface.faces,
         surface.observed,
@@ -97,4 +97,4 @@ def on_support_hollows(surface: Surface, support: np.ndarray, underside_hollow: 
         surface.spacing,
         walls_alike=not underside_hollow,
     )
-    return Hollows(found.possible, found.possible) if underside_hollow else found
+    return Hollows(possible_hollows.possible, possible_hollows.possible) if underside_hollow else possible_hollows

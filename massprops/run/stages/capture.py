@@ -254,11 +254,11 @@ def _given_masks(job: Job, sources: list[Source] | list[Input], frames: list[dic
     for one in sources:
         source = one.source if isinstance(one, Input) else one
         if isinstance(one, Input):
-            own = [f for f in frames if f["placement"] == one.placement]
+            frames_of_source = [f for f in frames if f["placement"] == one.placement]
         else:
-            own = [f for f in frames if f["name"].startswith(f"cam{source.stream}/")]
-        found = masks.check([(f["name"], f["source_name"]) for f in own])
-        for frame, path in zip(own, found, strict=True):
+            frames_of_source = [f for f in frames if f["name"].startswith(f"cam{source.stream}/")]
+        mask_files = masks.check([(f["name"], f["source_name"]) for f in frames_of_source])
+        for frame, path in zip(frames_of_source, mask_files, strict=True):
             index = frame.get("own_index", frame["index"])
             prior = source.camera(index)
             shown = prior.size[::-1] if frame["turn"] % 2 else prior.size
@@ -284,9 +284,9 @@ def _silhouettes(job: Job, scene: Scene, frames: list[dict[str, Any]], name: str
     groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
     for frame in frames:
         groups.setdefault(_same_picture(frame), []).append(frame)
-    cut = {key: _cut(scene, [read_image(images / f["name"]) for f in _spread(own)]) for key, own in groups.items()}
+    cut = {key: _cut(scene, [read_image(images / f["name"]) for f in _spread(group)]) for key, group in groups.items()}
     _enter_beside(job, groups, cut)
-    looked_at = {f["name"] for own in groups.values() for f in _spread(own)}
+    looked_at = {f["name"] for group in groups.values() for f in _spread(group)}
     masks, empty = [], []
     for done, frame in enumerate(frames):
         separate = cut[_same_picture(frame)]
@@ -325,12 +325,12 @@ def _drop(job: Job, frames: list[dict[str, Any]], gone: list[dict[str, Any]]) ->
 
 def _enter_beside(job: Job, groups: dict[tuple[Any, ...], list[dict[str, Any]]], cut: dict[Any, Any]) -> None:
     """`beside` of frames in which something bright stays at the edge: an image, white where no silhouette is known."""
-    for number, (key, own) in enumerate(groups.items()):
+    for number, (key, group) in enumerate(groups.items()):
         if cut[key] is None or cut[key].beside is None:
             continue
         name = f"beside/{number}.png"
         write_image(job.out / name, np.where(cut[key].beside, 255, 0).astype(np.uint8))
-        for frame in own:
+        for frame in group:
             frame["beside"] = name
         share = 100 * float(cut[key].beside.mean())
         job.warn(
@@ -406,7 +406,7 @@ def _by_colour(job: Job, frames: list[dict[str, Any]]) -> None:
     colours = learn([image for image, _ in taught], [mask for _, mask in taught])
     for done, frame in enumerate(frames):
         image, mask = both(frame)
-        found = colours.segment(image)
-        if not mask.any() or agrees(found, mask > 127):
-            write_image(job.out / "masks" / f"{frame['name']}.png", np.where(found, 255, 0).astype(np.uint8))
+        silhouette = colours.segment(image)
+        if not mask.any() or agrees(silhouette, mask > 127):
+            write_image(job.out / "masks" / f"{frame['name']}.png", np.where(silhouette, 255, 0).astype(np.uint8))
         job.progress(done + 1, len(frames), "colours")

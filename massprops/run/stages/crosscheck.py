@@ -20,10 +20,10 @@ def run(job: Job) -> dict[str, Any]:
     from massprops.consistency.crosscheck import crosscheck
     from massprops.consistency.trust import enter_verdict
 
-    found = crosscheck(job.run, methods=METHODS, write=False, progress=job.progress)
+    cross_checked = crosscheck(job.run, methods=METHODS, write=False, progress=job.progress)
     outputs = Outputs(job.run)
-    write_json(outputs.staging() / "crosscheck.json", found.document)
+    write_json(outputs.staging() / "crosscheck.json", cross_checked.document)
     outputs.publish(PUBLISHES, job.key, force=job.force, derived=True)
-    trust = enter_verdict(Outputs(job.run), found.document)
+    trust = enter_verdict(Outputs(job.run), cross_checked.document)
     partial = f"low confidence: {trust['because'][0]}" if trust and trust["level"] == "low" else None
-    return {"verdict": found.verdict, "p_value": found.document["p_value"], "partial": partial}
+    return {"verdict": cross_checked.verdict, "p_value": cross_checked.document["p_value"], "partial": partial}

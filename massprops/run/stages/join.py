@@ -115,9 +115,9 @@ def _joined(
     around, all_views, all_points, before = [], [], [], 0
     for member, R, t, k in parts:
         folder = placement_folder(job.work("shape"), k)
-        own = Cloud.load(folder / "object.npz").xyz
-        middle = np.median(own, axis=0)
-        radius = float(np.percentile(np.linalg.norm(own - middle, axis=1), 99))
+        object_points = Cloud.load(folder / "object.npz").xyz
+        middle = np.median(object_points, axis=0)
+        radius = float(np.percentile(np.linalg.norm(object_points - middle, axis=1), 99))
         if k == first:
             facts["middle"], facts["radius"] = middle.tolist(), radius
         all_views.append(views.take(member).moved(R, t))

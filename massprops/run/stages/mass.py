@@ -53,8 +53,10 @@ def run(job: Job) -> dict[str, Any]:
     density, assumed = job.options.density, job.options.density is None
     properties = properties_of_integrals(mesh_integrals(final, faces), ASSUMED_DENSITY if density is None else density)
     rng = np.random.default_rng([job.seed, 5])
-    own = scale["source"] in OWN_LENGTH
-    draws = scaled_replicates(rows, lengths, length, factor, float(scale["relative_sigma"] or 0.0), own, rng)
+    by_greatest_length = scale["source"] in OWN_LENGTH
+    draws = scaled_replicates(
+        rows, lengths, length, factor, float(scale["relative_sigma"] or 0.0), by_greatest_length, rng
+    )
     if not metric:
         scale = {**scale, "source": "none", "metres_per_unit": None}
     bounds = intervals(draws, properties, scale_integrals(outer, factor))

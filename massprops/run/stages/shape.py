@@ -145,9 +145,9 @@ def _settled(
 
     placements, lost = _solved(job, views, sparse, label, pointed)
     for better, least in ((by_features, 2), (by_place, 2), (by_neighbours, 0)):
-        found = better(label, placements) if len(placements) >= least else label
-        if not np.array_equal(found, label):
-            label = found
+        relabelled = better(label, placements) if len(placements) >= least else label
+        if not np.array_equal(relabelled, label):
+            label = relabelled
             placements, lost = _solved(job, views, sparse, label, pointed)
     return label, placements, lost
 
@@ -199,10 +199,10 @@ def _divided_by_occlusion(
     from massprops.capture.placements_by_occlusion import LEAST_IMAGES, divide_by_occlusion
 
     none = np.zeros(len(views), int)
-    found = _rough_support(job, views, region, sparse) if len(views) >= 2 * LEAST_IMAGES else None
-    if found is None:
+    rough_support = _rough_support(job, views, region, sparse) if len(views) >= 2 * LEAST_IMAGES else None
+    if rough_support is None:
         return none
-    cloud, plane = found
+    cloud, plane = rough_support
     maps = _occlusion(job, views, cloud, plane, region)
     return without_return(divide_by_occlusion(voxels(views, maps, plane, region, COARSE), maps, times), times)
 
@@ -287,10 +287,10 @@ def _relabelled(
             shapes.append((z["vertices"], z["faces"]))
     maps = _occlusion(job, views, Cloud.joined(beside), np.array(plane), region)
     number = np.array([p["label"] for p in placements])
-    found = settled(
+    placement_index = settled(
         np.where(np.isin(label, number), np.searchsorted(number, label), -1), drawn_agreement(views, maps, shapes)
     )
-    return np.where(found < 0, -1, number[found])
+    return np.where(placement_index < 0, -1, number[placement_index])
 
 
 def _where_it_stood(
@@ -380,16 +380,16 @@ def _placement(
         )
     job.progress(0, 1, "first shape")
     vertices, faces, hidden = _first_shape(job, views, cloud, split, region)
-    own, other = cloud.take(np.flatnonzero(split.member)), cloud.take(np.flatnonzero(split.other))
+    object_cloud, other = cloud.take(np.flatnonzero(split.member)), cloud.take(np.flatnonzero(split.other))
     own_colour = colour[split.member]
     folder = placement_folder(job.out, number)
     folder.mkdir(exist_ok=True)
     if hidden is not None:
         own_colour, seen = vertex_colours(vertices, faces, views, lambda i: undistorted_frame(job, views, i))
-        own, own_colour = on_mesh(vertices, faces).take(np.flatnonzero(seen)), own_colour[seen]
+        object_cloud, own_colour = on_mesh(vertices, faces).take(np.flatnonzero(seen)), own_colour[seen]
         np.savez(folder / "support.npz", xyz=hidden.support, colour=hidden.colour)
     np.savez(folder / "shape.npz", vertices=vertices, faces=faces)
-    own.save(folder / "object.npz")
+    object_cloud.save(folder / "object.npz")
     np.save(folder / "colour.npy", own_colour)
     np.save(folder / "other_colour.npy", colour[split.other])
     other.save(folder / "other.npz")
@@ -400,7 +400,7 @@ def _placement(
         "support_rise": None
         if split.plane is None
         else least_rise(cloud.xyz, cloud.normal, split.plane, region, pixel),
-        "object_points": len(own),
+        "object_points": len(object_cloud),
         "other_points": int(split.other.sum()),
         "region_radius": region.radius,
     }
@@ -463,11 +463,11 @@ def _measured_shape(job: Job, views: Views, cloud: Cloud, split: OnSupport) -> t
             f"{what} where the cameras look: keep the object in the middle of the images, give it texture or side light, "
             "or give its silhouettes with --masks"
         )
-    own, other = cloud.take(np.flatnonzero(split.member)), cloud.take(np.flatnonzero(split.other))
+    object_cloud, other = cloud.take(np.flatnonzero(split.member)), cloud.take(np.flatnonzero(split.other))
     surface = reconstruct_surface(
         views,
         [],
-        own,
+        object_cloud,
         POINTS,
         job.seed,
         job.progress,

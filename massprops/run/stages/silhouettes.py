@@ -119,20 +119,20 @@ def _from_shapes(job: Job, views: Views, placements: list[dict[str, Any]]) -> tu
     from massprops.run.stages.shape import measured_folders
 
     number = {name: i for i, name in enumerate(views.names)}
-    found: dict[int, np.ndarray] = {}
+    mask_by_view: dict[int, np.ndarray] = {}
     painted = learned_paint(measured_folders(job.work("shape"), placements))
     for k, placement in enumerate(placements):
         index = np.array([number[name] for name in placement["images"]])
-        masks, out = _placement(job, views, index, k, len(found), painted)
-        found.update({int(i): mask for i, mask, o in zip(index, masks, out, strict=True) if not o})
+        masks, out = _placement(job, views, index, k, len(mask_by_view), painted)
+        mask_by_view.update({int(i): mask for i, mask, o in zip(index, masks, out, strict=True) if not o})
     share = []
     for i, name in enumerate(views.names):
-        if i in found:
-            share.append(_save(job, name, stored(found[i], views, i)))
+        if i in mask_by_view:
+            share.append(_save(job, name, stored(mask_by_view[i], views, i)))
         else:
             _save(job, name, np.full((views.size[i, 1], views.size[i, 0]), AMBIGUOUS, np.uint8))
     known = {name for p in placements for name in p["images"]}
-    return share, [n for i, n in enumerate(views.names) if i not in found and n in known]
+    return share, [n for i, n in enumerate(views.names) if i not in mask_by_view and n in known]
 
 
 def _placement(

@@ -299,10 +299,10 @@ def _symmetric(
     if len(colour) != len(cloud):
         return []
     _, centre, inertia = central_inertia(mesh_integrals(surface.vertices, surface.faces), 1.0)
-    found = symmetries(cloud, colour, centre, principal_frame(inertia)[1], surface.hull.pixel, job.seed)
+    candidates = symmetries(cloud, colour, centre, principal_frame(inertia)[1], surface.hull.pixel, job.seed)
     in_time = footage["kind"] in ("video", "sequence", "stereo")
     out = []
-    for one in (ambiguity(s, cloud, (surface.vertices, surface.faces), views, masks, in_time) for s in found):
+    for one in (ambiguity(s, cloud, (surface.vertices, surface.faces), views, masks, in_time) for s in candidates):
         turn = one.symmetry
         out.append({
             "fold": turn.fold,
@@ -322,10 +322,10 @@ def _joints(place: dict[str, Any]) -> list[Joint]:
     """How well the placements lie on the first; `place` is `join.json`."""
     from massprops.surface.spread import Joint
 
-    found = [p["joint"] for p in place["joined"] if "joint" in p]
+    records = [p["joint"] for p in place["joined"] if "joint" in p]
     return [
         Joint(j["views"][0], j["views"][1], np.array(j["about"], float), np.array(j["covariance"], float))
-        for j in found
+        for j in records
     ]
 
 
@@ -384,7 +384,7 @@ def _opened(surface: Surface, views: Views, grey: list[np.ndarray]) -> tuple[Sur
     from massprops.surface.touching import parted
 
     places = dark_places(surface, views, grey)
-    tubes, left = through_holes(surface, places)
+    tubes, remaining_places = through_holes(surface, places)
     rest = opened(surface, tubes) if tubes else None
     if rest is None:
         return surface, _Holes(len(places), straight_behind(surface, places), 0, 0.0, np.zeros(10))
@@ -392,7 +392,11 @@ def _opened(surface: Surface, views: Views, grey: list[np.ndarray]) -> tuple[Sur
     vertices = parted(vertices, faces)
     taken = float(mesh_integrals(surface.vertices, surface.faces)[0] - mesh_integrals(vertices, faces)[0])
     holes = _Holes(
-        len(left), straight_behind(surface, left), len(tubes), taken, np.sum([tube.unsure for tube in tubes], axis=0)
+        len(remaining_places),
+        straight_behind(surface, remaining_places),
+        len(tubes),
+        taken,
+        np.sum([tube.unsure for tube in tubes], axis=0),
     )
     return replace(surface, vertices=vertices, faces=faces, observed=observed, inferred=inferred), holes
 
@@ -438,8 +442,8 @@ def _balance(views: Views, cloud: Cloud, footage: dict[str, Any]) -> Balance | N
     stamps = clock(first, np.array([place.get(n, i) for i, n in enumerate(first.names)]))[0]
     order = np.argsort(stamps, kind="stable")
     low, high = np.quantile(cloud.xyz, [0.01, 0.99], axis=0)
-    found = centre_of_motion(stamps[order], first.R[order], first.t[order], float(np.linalg.norm(high - low)))
-    return None if found is None else Balance(found.place, found.covariance)
+    centre = centre_of_motion(stamps[order], first.R[order], first.t[order], float(np.linalg.norm(high - low)))
+    return None if centre is None else Balance(centre.place, centre.covariance)
 
 
 def _surface(job: Job, seen: Evidence) -> tuple[Surface, list[np.ndarray], np.ndarray]:
