@@ -61,15 +61,19 @@ def write_estimates(
     inputs = more if source is None else (Path(source), *more)
     check_place(folder, inputs, force)
     truth = None if source is None else read_truth(source)
-    found = {e.name: errors(e, outcome.problem, truth) for e in outcome.estimates} if truth is not None else {}
+    errors_by_method = (
+        {e.name: errors(e, outcome.problem, truth) for e in outcome.estimates} if truth is not None else {}
+    )
     content = plain(document(outcome, "" if source is None else str(source)))
-    content["against_truth"] = None if truth is None else {n: v.summary() for n, v in found.items() if v is not None}
+    content["against_truth"] = (
+        None if truth is None else {n: v.summary() for n, v in errors_by_method.items() if v is not None}
+    )
     key = None if source is None else key_of_source(_sequence_of(Path(source)), *more)
     kept = _with_earlier(content, folder, key)
     files: dict[str, str | bytes] = {
         f"{e.name}.csv": history_csv(e, outcome.problem) for e in outcome.estimates if len(e.times)
     }
-    files["report.html"] = render(outcome, content, found, truth)
+    files["report.html"] = render(outcome, content, errors_by_method, truth)
     files["estimates.json"] = json_text(content)
     deliver(folder, OWNER, files, key, inputs, force, keep=kept)
     return folder / "report.html"
@@ -185,8 +189,8 @@ def _summary(outcome: Outcome, content: dict[str, Any], truth: Truth | None) -> 
         p = f", p = {number(prior['p_value'], 2)}" if prior["p_value"] is not None else ""
         judge = f" by {prior['reference']}" if prior["reference"] else ""
         parts.append(f"<p>Prior: <b>{text(prior['verdict'])}</b>{text(judge)}{p}.</p>")
-    own = content["against_truth"] or {}
-    rows = [_row(e, None if truth is None else own.get(e["name"]) or {}) for e in content["estimators"]]
+    of_truth = content["against_truth"] or {}
+    rows = [_row(e, None if truth is None else of_truth.get(e["name"]) or {}) for e in content["estimators"]]
     parts.append(table(rows, HEAD if truth is None else HEAD + HEAD_OF_TRUTH))
     if truth is not None:
         k = true_ratios(truth)
@@ -201,8 +205,8 @@ def _summary(outcome: Outcome, content: dict[str, Any], truth: Truth | None) -> 
     sound = [e for e in content["estimators"] if e["converged"] and e["observable"]]
     if sound:
         true = None if truth is None else true_ratios(truth)
-        own = {} if true is None else {"name": "truth", "k1": float(true[0]), "k2": float(true[1])}
-        parts.append(f'<div class="narrow">{ratio_plane(own, sound, "smoother")}</div>')
+        of_truth = {} if true is None else {"name": "truth", "k1": float(true[0]), "k2": float(true[1])}
+        parts.append(f'<div class="narrow">{ratio_plane(of_truth, sound, "smoother")}</div>')
     return "".join(parts)
 
 
@@ -223,7 +227,7 @@ HEAD_OF_TRUTH = ["k1 error", "k2 error", "attitude error, rms [°]", "rate error
 def _reliable(e: dict[str, Any]) -> str:
     """Whether the numbers of a method may be used, in a word or two."""
     lacks = {"converged": "no: did not converge", "observable": "no: the motion does not show k1, k2", "reliable": "no"}
-    return next((said for name, said in lacks.items() if not e.get(name)), "yes")
+    return next((answer for name, answer in lacks.items() if not e.get(name)), "yes")
 
 
 def _unreliable(estimators: list[dict[str, Any]]) -> str:

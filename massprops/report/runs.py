@@ -24,12 +24,12 @@ MOST = 500
 
 def runs_in(folder: Path) -> list[Path]:
     """Folders right below this one that hold a run, by name."""
-    found = [
+    run_folders = [
         p
         for p in sorted(folder.iterdir())
         if p.is_dir() and ((p / "massprops.json").is_file() or (p / "report.json").is_file())
     ]
-    return found[:MOST]
+    return run_folders[:MOST]
 
 
 def write_runs(folder: Path, runs: list[Path], force: bool = False) -> Path:
@@ -45,11 +45,11 @@ def write_runs(folder: Path, runs: list[Path], force: bool = False) -> Path:
     """
     if not runs:
         raise InputError(f"{folder}: no runs in this folder; give a folder in which 'massprops reconstruct' made runs")
-    found = [_Run(path, folder) for path in runs]
-    apart = _compared(*found) if len(found) == 2 else ""
-    parts = (("runs", "Runs", _listed(found)), ("compared", "Differences", apart))
-    whole = of_sections(f"massprops · {len(found)} runs", parts, str(folder.resolve()))
-    deliver(folder, OWNER, {NAME: whole}, hash_of([r.document for r in found]), force=force)
+    entries = [_Run(path, folder) for path in runs]
+    apart = _compared(*entries) if len(entries) == 2 else ""
+    parts = (("runs", "Runs", _listed(entries)), ("compared", "Differences", apart))
+    whole = of_sections(f"massprops · {len(entries)} runs", parts, str(folder.resolve()))
+    deliver(folder, OWNER, {NAME: whole}, hash_of([r.document for r in entries]), force=force)
     return folder / NAME
 
 

@@ -107,16 +107,16 @@ def film_of(data: RunData) -> tuple[Frame, ...]:
         return ()
     order = np.argsort(data.views.timestamp_ns, kind="stable")
     first = [i for i in order if data.views.names[i].split("/")[0] == data.views.names[order[0]].split("/")[0]]
-    found = []
+    film_frames = []
     for i in np.array(first)[np.unique(np.linspace(0, len(first) - 1, MOST_FRAMES).astype(int))]:
         image = cv2.imread(str(frame_file(data.folder / "work", data.views.names[i])))
         if image is None:
             continue
         stamp = int(data.views.timestamp_ns[i])
-        label = f"{stamp / 1e9:.2f} s" if stamp >= 0 else f"image {len(found) + 1}"
+        label = f"{stamp / 1e9:.2f} s" if stamp >= 0 else f"image {len(film_frames) + 1}"
         small = thumbnail(image, None, FILM_WIDTH)
-        found.append(Frame(data_uri(small, quality=60), label, data.views.R[i]))
-    return tuple(found) if len(found) > 1 else ()
+        film_frames.append(Frame(data_uri(small, quality=60), label, data.views.R[i]))
+    return tuple(film_frames) if len(film_frames) > 1 else ()
 
 
 def packed_scene(scene: Scene, middle: np.ndarray, size: float) -> dict[str, Any]:

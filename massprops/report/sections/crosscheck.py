@@ -95,11 +95,13 @@ def _axes(data: RunData) -> str:
     """Principal axes by the mesh and by the motion, on the mesh."""
     document, shape = data.crosscheck, data.shape
     name = document.get("rests_on")
-    found = [e for e in document.get("estimators") or [] if e.get("name") == name and e.get("principal_axes")]
-    own = (document.get("mesh") or {}).get("principal_axes")
-    if shape is None or not found or not own:
+    motion_estimates = [
+        e for e in document.get("estimators") or [] if e.get("name") == name and e.get("principal_axes")
+    ]
+    listed_axes = (document.get("mesh") or {}).get("principal_axes")
+    if shape is None or not motion_estimates or not listed_axes:
         return ""
-    mesh_axes, motion = np.array(own, float), np.array(found[0]["principal_axes"], float)
+    mesh_axes, motion = np.array(listed_axes, float), np.array(motion_estimates[0]["principal_axes"], float)
     # an axis has no sense of direction: draw the motion's the same way round
     motion = motion * np.sign(np.sum(mesh_axes * motion, axis=0) + 1e-300)
     plain = decimated(Shape(shape.vertices, shape.faces, np.ones(len(shape.faces), bool)), MOST_FACES)

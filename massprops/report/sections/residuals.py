@@ -22,13 +22,13 @@ def render(data: RunData) -> str:
         return ""
     from massprops.sfm.points import residuals
 
-    left = residuals(data.views, points)
-    if left.shape != points.obs_uv.shape:
+    residuals_px = residuals(data.views, points)
+    if residuals_px.shape != points.obs_uv.shape:
         return ""
     return (
-        f'<div class="two"><div><h3>Residual of each image</h3>{_by_image(left, points.obs_view, len(data.views))}'
+        f'<div class="two"><div><h3>Residual of each image</h3>{_by_image(residuals_px, points.obs_view, len(data.views))}'
         f"<h3>Points in common</h3>{_overlap(data)}</div>"
-        f"<div><h3>Mean residual over the sensor</h3>{_over_sensor(data, left)}</div></div>"
+        f"<div><h3>Mean residual over the sensor</h3>{_over_sensor(data, residuals_px)}</div></div>"
     )
 
 

@@ -57,7 +57,7 @@ def _facts(data: RunData) -> list[tuple[str, str]]:
     given, used, placed = footage.get("given"), footage.get("used"), sfm.get("registered", "–")
     points, observed = dense.get("points"), surface.get("observed_fraction")
     around = f" ± {number(100 * sigma, 2)} %" if sigma else ""
-    found = [
+    rows = [
         ("frames given / used / placed", f"{given} / {used} / {placed}" if given else None),
         ("models found", models),
         ("mean reprojection error", None if error is None else f"{number(error, 3)} px"),
@@ -70,7 +70,7 @@ def _facts(data: RunData) -> list[tuple[str, str]]:
         ("dense points", f"{points:,}".replace(",", " ") if isinstance(points, int) else None),
         ("surface measured", None if observed is None else f"{100 * observed:.1f} % of its area"),
     ]
-    return [(name, str(value)) for name, value in found if value not in (None, "")]
+    return [(name, str(value)) for name, value in rows if value not in (None, "")]
 
 
 def _cameras(cameras: list[dict[str, Any]]) -> list[tuple[str, str]]:

@@ -65,15 +65,15 @@ def _crosscheck(data: RunData) -> str:
 
 def _against_cad(data: RunData) -> str:
     """Deviations of the recommended values, and of the surface."""
-    found = data.comparison
-    rows = (found.get("fused") if found.get("recommended") == "fused" else None) or found.get("rows")
+    comparison = data.comparison
+    rows = (comparison.get("fused") if comparison.get("recommended") == "fused" else None) or comparison.get("rows")
     if not rows:
         return ""
     by = {r["quantity"]: r for r in rows}
     held = [bool(r["holds"]) for r in rows if r.get("holds") is not None]
     parts = [f"{name} {100 * by[name]['relative_error']:+.1f} %" for name in ("volume", "I1", "I2", "I3")]
     parts += [f"{key} {by[key]['error']:+.4f}" for key in ("k1", "k2")]
-    distance = found.get("distances") or {}
+    distance = comparison.get("distances") or {}
     if distance.get("length"):
         median = distance["ours"]["median"]
         parts.append(f"median distance of the surfaces {number(100 * median / distance['length'], 2)} % of the length")
