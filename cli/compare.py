@@ -30,14 +30,14 @@ def command(
 
     from massprops.exchange.compare import compare
 
-    found = compare(source, cad, out=out, free_scale=free_scale, cad_unit=cad_unit, force=force)
+    comparison = compare(source, cad, out=out, free_scale=free_scale, cad_unit=cad_unit, force=force)
     if out is not None and (out / "run.yaml").is_file():
         from massprops.report import write_report
 
         write_report(out)
-    for warning in found.warnings:
+    for warning in comparison.warnings:
         warn(warning)
-    say(json.dumps(found.document()) if json_output else comparison_table(found.document()))
+    say(json.dumps(comparison.document()) if json_output else comparison_table(comparison.document()))
 
 
 def comparison_table(document: dict[str, Any]) -> str:

@@ -32,7 +32,7 @@ def command(
     from massprops_cli.progress import StageProgress
 
     with StageProgress(quiet) as watch:
-        found = crosscheck(
+        cross_checked = crosscheck(
             run,
             sequence,
             method or ["all"],
@@ -40,7 +40,7 @@ def command(
             progress=lambda done, total, what: watch(what or "compare", min(done, total - 1), total, 0, 0, ""),
         )
     document = json.loads((run / "crosscheck.json").read_text())
-    for warning in found.warnings:
+    for warning in cross_checked.warnings:
         warn(warning)
     if json_output:
         say(json.dumps(document))

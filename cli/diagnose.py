@@ -81,18 +81,18 @@ def _one(given: Options, source: Path) -> int:
     out = given.out
     with with_effects(given.effect or []), StageProgress(given.quiet) as watch:
         tell = lambda what, done, total: watch(what, 0, 1, done, total, "")  # noqa: E731
-        found = diagnose(source, out, tell, given.force, given.discover, given.simulator)
-    for warning in found.document["warnings"]:
+        diagnosis = diagnose(source, out, tell, given.force, given.discover, given.simulator)
+    for warning in diagnosis.document["warnings"]:
         warn(warning)
-    if given.effect and "would fix them" in found.document["axes"]:
-        warn(f"{found.document['axes']}: an effect of your own that has a direction in the body acts in these axes")
+    if given.effect and "would fix them" in diagnosis.document["axes"]:
+        warn(f"{diagnosis.document['axes']}: an effect of your own that has a direction in the body acts in these axes")
     if given.json_output:
-        say((out / "diagnosis.json").read_text() if out is not None else json.dumps(plain(found.document)))
+        say((out / "diagnosis.json").read_text() if out is not None else json.dumps(plain(diagnosis.document)))
     else:
-        say(diagnosis_table(found.document))
+        say(diagnosis_table(diagnosis.document))
         if out is not None:
             say(f"report: {out / 'report.html'}")
-    return NotPossible.exit_code if is_blind(found.document) else 0
+    return NotPossible.exit_code if is_blind(diagnosis.document) else 0
 
 
 def _several(given: Options, sources: list[Path]) -> int:
@@ -120,9 +120,9 @@ def _several(given: Options, sources: list[Path]) -> int:
     rows = [f"  verdict   {document['verdict']}: {document['reason']}"]
     for effect in document["effects"]:
         rows.append(f"  {effect['name']}  (log evidence {effect['evidence']:+.0f})")
-        for name, own in effect["parameters"].items():
+        for name, parameters in effect["parameters"].items():
             units = {q.name: q.unit for q in known[name].PARAMETERS} if name in known else {}
-            rows += _parameter_rows(own, effect["sigma"][name], dict.fromkeys(own, "") | units)
+            rows += _parameter_rows(parameters, effect["sigma"][name], dict.fromkeys(parameters, "") | units)
     rows += [f"  {k}  {document[k]['value']:.4f} ± {document[k]['sigma']:.2g}" for k in ("k1", "k2")]
     rows += [f"  axes of {t['record']}  turned by {turn_words(t)}" for t in document["turned"]]
     rows += [
@@ -149,11 +149,11 @@ def diagnosis_table(document: dict[str, Any]) -> str:
     if "law" in document:
         rows += _law_rows(document["law"])
     gap = document["gap"]
-    left = []
+    residual_rows = []
     for part in ("fitted", "held_out"):
         both = (gap[part][k] for k in ("before", "after"))
-        left.append([part.replace("_", " "), *(f"{v:.3f}" if v is not None and v == v else "–" for v in both)])
-    rows += table(("residual / noise", "before", "after"), left)
+        residual_rows.append([part.replace("_", " "), *(f"{v:.3f}" if v is not None and v == v else "–" for v in both)])
+    rows += table(("residual / noise", "before", "after"), residual_rows)
     # where nothing is missing, what stands out most is chance
     for place in document["where"][:3] if document["verdict"] != "none" else ():
         a, b = place["interval_s"]
@@ -167,26 +167,26 @@ def _parameter_rows(values: dict[str, Any], sigma: dict[str, Any], units: dict[s
     """One line for each parameter that the data show, and one with the names of the others."""
     from massprops.diagnosis.listed import listed
 
-    found = listed(values)
+    listing = listed(values)
     rows = []
-    for name in found.rows:
+    for name in listing.rows:
         spread = f"± {sigma[name]:<10.2g}" if sigma[name] else " " * 12
         rows.append(f"    {name:<14}{values[name]:>14.5g} {spread} {units[name]}")
-    if found.more:
-        rows.append(f"    and {found.more} more in diagnosis.json")
-    if found.hidden:
-        rows.append(f"    not measurable: {found.hidden}")
+    if listing.more:
+        rows.append(f"    and {listing.more} more in diagnosis.json")
+    if listing.hidden:
+        rows.append(f"    not measurable: {listing.hidden}")
     return rows
 
 
 def _torque_rows(document: dict[str, Any]) -> list[str]:
     """The torque that would explain what no effect does, and what it goes along with."""
-    found = document.get("latent")
-    if found is None or document["verdict"] != "unexplained":
+    torque = document.get("latent")
+    if torque is None or document["verdict"] != "unexplained":
         return []
-    alike = [f"{c['with'].replace(' by ', ' with ')} (r = {c['r']:+.2f})" for c in found["correlates"][:1]]
-    said = f"{found['shown_rms']:.2g} ± {found['shown_sigma']:.1g} rad s^-2 rms"
-    return [f"  unknown torque: {said}{', goes along: ' if alike else ''}{''.join(alike)}"]
+    alike = [f"{c['with'].replace(' by ', ' with ')} (r = {c['r']:+.2f})" for c in torque["correlates"][:1]]
+    magnitude = f"{torque['shown_rms']:.2g} ± {torque['shown_sigma']:.1g} rad s^-2 rms"
+    return [f"  unknown torque: {magnitude}{', goes along: ' if alike else ''}{''.join(alike)}"]
 
 
 def _place(place: dict[str, Any]) -> str:

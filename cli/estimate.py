@@ -104,8 +104,8 @@ def _told_several(
     ]
     lines = table(("method", "k1", "k2", "records", "p of one body"), rows, left=(0,))
     for e in found["estimators"]:
-        for effect, own in e["parameters"].items():
-            for name, value in own.items():
+        for effect, parameters in e["parameters"].items():
+            for name, value in parameters.items():
                 lines.append(f"  {e['name']}: {name} of {effect} {with_sigma(value, e['sigma'][effect][name], '.5g')}")
     say("\n".join(lines))
     return 0
@@ -118,9 +118,9 @@ def estimate_table(document: dict[str, Any]) -> str:
     for e in document["estimators"]:
         rate = f"{DEGREES * e['rate']['speed_rad_s']:.4f}" if e["rate"] else "-"
         cpu = f"{e['cpu_us_per_step']:.0f}" if e["cpu_us_per_step"] is not None else "-"
-        said = [yes[bool(e.get(k))] for k in ("converged", "observable", "reliable")]
+        answers = [yes[bool(e.get(k))] for k in ("converged", "observable", "reliable")]
         ratios = [with_sigma(e[k], e[f"sigma_{k}"]) for k in ("k1", "k2")]
-        rows.append([e["name"], *ratios, rate, *said, cpu])
+        rows.append([e["name"], *ratios, rate, *answers, cpu])
         why = e.get("because") or e["reason"]
         if why:
             rows.append(why)

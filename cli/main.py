@@ -111,12 +111,12 @@ def _show_as_written(param: Any) -> None:
         param.get_usage_pieces = lambda ctx: [param.metavar]
 
     def shown(ctx: Any) -> tuple[str, str] | None:
-        found = record(ctx)
-        if found is None:
+        name_and_help = record(ctx)
+        if name_and_help is None:
             return None
         if param.param_type_name == "argument":
-            return param.metavar.translate(str.maketrans("", "", "[]")), found[1]
-        return found[0].replace("<list[", "<").replace("]>", ">"), found[1]
+            return param.metavar.translate(str.maketrans("", "", "[]")), name_and_help[1]
+        return name_and_help[0].replace("<list[", "<").replace("]>", ">"), name_and_help[1]
 
     param.get_help_record = shown
 

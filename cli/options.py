@@ -59,7 +59,7 @@ def argument(verb: Callable[..., Any], name: str, metavar: str) -> Any:
 def help_of(verb: Callable[..., Any], name: str) -> str:
     """What the docstring's Args say of a parameter, as a sentence; what holds "In Python" is left out."""
     args = inspect.getdoc(verb).partition("\nArgs:\n")[2].partition("\n\n")[0]  # type: ignore[union-attr]
-    found = re.search(rf"^    {name}: (.*(?:\n {{8}}.*)*)", args, re.M)
-    assert found is not None, f"{verb.__name__}: its docstring does not explain {name}"
-    text = " ".join(found[1].split()).partition(" In Python")[0]
+    explanation = re.search(rf"^    {name}: (.*(?:\n {{8}}.*)*)", args, re.M)
+    assert explanation is not None, f"{verb.__name__}: its docstring does not explain {name}"
+    text = " ".join(explanation[1].split()).partition(" In Python")[0]
     return text[:1].upper() + text[1:]

@@ -44,8 +44,8 @@ def command(given: Options) -> None:
     from massprops.campaigns.reproduce import reproduce_plan, reproduced, speed_of
 
     if given.case == SPEED and hasattr(load_paper(given.paper), SPEED):
-        found = speed_of(given.paper)
-        say(json.dumps(found) if given.json_output else "\n".join(f"{k}: {v}" for k, v in found.items()))
+        speeds = speed_of(given.paper)
+        say(json.dumps(speeds) if given.json_output else "\n".join(f"{k}: {v}" for k, v in speeds.items()))
         return
     from massprops.campaigns.text import text_of
     from massprops_cli.campaign_progress import RunProgress, alone

@@ -48,9 +48,9 @@ def _page(runs: list[Path]) -> Path:
 
     if len(runs) == 2:
         return write_runs(runs[0].resolve().parent, runs)
-    found = runs_in(runs[0])
-    if not found:
+    folders = runs_in(runs[0])
+    if not folders:
         raise InputError(
             f"{runs[0]}: no report.html and no runs in this folder; make a run first with 'massprops reconstruct'"
         )
-    return write_runs(runs[0], found)
+    return write_runs(runs[0], folders)
