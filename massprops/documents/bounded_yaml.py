@@ -66,13 +66,13 @@ class Bounded(Composer, SafeConstructor, Resolver, Parser):
         return node
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
-        own: set[str] = set()
+        names_given: set[str] = set()
         for key, _ in node.value:
             if not isinstance(key, yaml.ScalarNode):
                 self.refuse("a list or mapping as a name", key)
-            if key.value in own and key.tag != "tag:yaml.org,2002:merge":
+            if key.value in names_given and key.tag != "tag:yaml.org,2002:merge":
                 self.refuse(f"{excerpt(key.value)!r} is given twice", key)
-            own.add(key.value)
+            names_given.add(key.value)
         self.flatten_mapping(node)
         # later pairs are the mapping's own, earlier ones merged from elsewhere
         return {key.value: self.construct_object(value, deep=True) for key, value in node.value}

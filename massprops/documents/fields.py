@@ -339,8 +339,8 @@ def keys(kind: type) -> list[str]:
 
 def field_of(kind: type, key: str) -> Any:
     """What stands behind a key, or None."""
-    found = get_type_hints(kind, include_extras=True).get(key)
-    for part in (found, *getattr(found, "__args__", ())):
+    hint = get_type_hints(kind, include_extras=True).get(key)
+    for part in (hint, *getattr(hint, "__args__", ())):
         for extra in getattr(part, "__metadata__", ()):
             if isinstance(extra, _Field):
                 return extra
@@ -349,10 +349,10 @@ def field_of(kind: type, key: str) -> Any:
 
 def ranges_of(kind: type) -> dict[str, tuple[float, float]]:
     """Lowest and highest value of every number of a document that has both."""
-    found = {key: field_of(kind, key) for key in keys(kind)}
+    field_by_key = {key: field_of(kind, key) for key in keys(kind)}
     return {
         key: field.ends
-        for key, field in found.items()
+        for key, field in field_by_key.items()
         if isinstance(field, Number) and max(map(abs, field.ends)) < LARGEST
     }
 
@@ -395,8 +395,8 @@ def _inside(kind: type, place: list[Any]) -> type:
     for part in place:
         if isinstance(part, int):
             continue
-        found = inner(get_type_hints(kind)[part])
-        kind = found if found is not None else kind
+        inner_kind = inner(get_type_hints(kind)[part])
+        kind = inner_kind if inner_kind is not None else kind
     return kind
 
 

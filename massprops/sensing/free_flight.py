@@ -59,14 +59,14 @@ def lever(times: np.ndarray, w: np.ndarray, acceleration: np.ndarray) -> Lever:
     H = X.T @ X + np.diag(prior**2)
     x = np.linalg.solve(H, X.T @ y)
     beyond = (y - X @ x).reshape(-1, 3)
-    left = float(np.sqrt(np.mean(beyond**2)))
+    residual_rms = float(np.sqrt(np.mean(beyond**2)))
     # a hand holds on, a knock is over at once
     parts = np.array_split(np.arange(len(times)), min(PARTS, len(times)))
     worst = max(
         (float(np.median(np.linalg.norm(beyond[p], axis=1))), float(times[p[0]]), float(times[p[-1]])) for p in parts
     )
-    sigma = left * np.sqrt(np.diag(np.linalg.inv(H)))[:3]
-    return Lever(r=x[:3], sigma=sigma, left=left, offset=x[3:], worst=worst)
+    sigma = residual_rms * np.sqrt(np.diag(np.linalg.inv(H)))[:3]
+    return Lever(r=x[:3], sigma=sigma, left=residual_rms, offset=x[3:], worst=worst)
 
 
 def accelerations(sequence: Sequence) -> tuple[np.ndarray, np.ndarray] | None:
@@ -120,17 +120,17 @@ def check_free_flight(sequence: Sequence) -> Lever | None:
     count = len(w) // block
     middle = stamp[: count * block].reshape(count, block)
     since = np.mean(middle - stamp[0], axis=1).astype(np.int64)
-    found = lever_of(sequence, stamp[0] + since, w[: count * block].reshape(count, block, 3).mean(axis=1))
-    if found is None:
+    fitted_lever = lever_of(sequence, stamp[0] + since, w[: count * block].reshape(count, block, 3).mean(axis=1))
+    if fitted_lever is None:
         return None
-    felt, start, end = found.worst
+    felt, start, end = fitted_lever.worst
     begun = (int(stamp[0]) + int(since[0]) - sequence.first_ns) * 1e-9
     when = f" from {begun + start:.4g} to {begun + end:.4g} s"
-    if max(found.left, float(np.linalg.norm(found.offset))) > max(felt, HELD):
-        felt, when = max(found.left, float(np.linalg.norm(found.offset))), ""
+    if max(fitted_lever.left, float(np.linalg.norm(fitted_lever.offset))) > max(felt, HELD):
+        felt, when = max(fitted_lever.left, float(np.linalg.norm(fitted_lever.offset))), ""
     if felt > HELD:
         raise NotPossible(
             f"imu0 measures {felt:.1f} m/s^2{when} that no distance from the centre of mass explains, so this is no free "
             "flight: cut the record to the flight"
         )
-    return found
+    return fitted_lever

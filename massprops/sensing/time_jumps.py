@@ -40,7 +40,7 @@ def check_attitude_times(times: np.ndarray, q: np.ndarray) -> None:
         before, after = slice(max(0, k + 1 - FEWEST), k + 1), slice(k + 1, k + 1 + FEWEST)
         if len(times[before]) < FEWEST or len(times[after]) < FEWEST:
             continue
-        w = [_rate(times[own], q[own]) for own in (before, after)]
+        w = [_rate(times[side], q[side]) for side in (before, after)]
         moved = rotation_vector(multiply(conjugate(q[k]), q[k + 1]))
         _judge("attitude0", times[k], times[k + 1], usual, w, moved)
 

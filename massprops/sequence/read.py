@@ -120,12 +120,12 @@ def _images(folder: Path, warnings: list[str]) -> tuple[tuple[int, Path], ...]:
     rows = read_table(path, IMAGES)
     _count(warnings, path, rows.left_out, "rows that cannot be read")
     inside = (folder / "data").resolve()
-    found = []
+    images = []
     for stamp, name in zip(rows.columns["timestamp"], rows.columns["filename"], strict=True):
         file = inside / str(name)
         if len(str(name)) < 256 and file.resolve().parent == inside and file.is_file():
-            found.append((int(stamp), file.resolve()))
-    return tuple(found)
+            images.append((int(stamp), file.resolve()))
+    return tuple(images)
 
 
 def _series(path: Path, columns: Table, warnings: list[str]) -> dict[str, np.ndarray]:

@@ -139,8 +139,8 @@ def _name(cell: str) -> str:
 
 def _unit(cell: str) -> str | None:
     """`w_x [rad s^-1]` to `rad s^-1`; None without brackets."""
-    found = re.search(r"\[(.*)\]", cell)
-    return None if found is None else found.group(1).strip()
+    bracketed = re.search(r"\[(.*)\]", cell)
+    return None if bracketed is None else bracketed.group(1).strip()
 
 
 def _named(cell: str, column: Column) -> bool:
@@ -155,19 +155,19 @@ def _columns(path: Path, table: Table, cells: list[str]) -> list[tuple[int, Call
     """
     places, missing = [], []
     for column in table.columns:
-        own = [i for i, cell in enumerate(cells) if _named(cell, column)]
-        if not own:
+        matching_cells = [i for i, cell in enumerate(cells) if _named(cell, column)]
+        if not matching_cells:
             missing.append(column.name)
             continue
-        if len(own) > 1:
-            raise InputError(f"{path}: header names the column {column.name} {len(own)} times")
-        unit = None if column.text else _unit(cells[own[0]])
+        if len(matching_cells) > 1:
+            raise InputError(f"{path}: header names the column {column.name} {len(matching_cells)} times")
+        unit = None if column.text else _unit(cells[matching_cells[0]])
         factor = column.factor(unit)
         if factor is None:
             raise InputError(
                 f"{path}: column {column.name}: unit [{excerpt(unit or '', 30)}] is not known; give it in [{column.unit}]"
             )
-        places.append((own[0], _parser(column, factor)))
+        places.append((matching_cells[0], _parser(column, factor)))
     if missing:
         raise InputError(
             f"{path}: header has no column {', '.join(missing)}; it has {excerpt(', '.join(map(_name, cells)), 100)}"
