@@ -157,7 +157,7 @@ def _tried(effect: ModuleType) -> list[tuple[str, tuple[int, ...], Any, Any, Any
     w = (0.1 + 0.01 * t, 0.2 - 0.01 * t, 0.05 * t)
     one: list[Any] = [tuple(float(v[1]) for v in part) for part in (q, w)]
     # what is given and not found stays a plain number
-    step = [v if own.kind in GIVEN else v + 1e-20j for v, own in zip(size, effect.PARAMETERS, strict=True)]
+    step = [v if parameter.kind in GIVEN else v + 1e-20j for v, parameter in zip(size, effect.PARAMETERS, strict=True)]
     return [
         ("numbers", (), float(t[1]), one[0], one[1], size),
         ("arrays", (EPOCHS,), t, q, w, size),

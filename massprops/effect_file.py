@@ -64,29 +64,29 @@ def with_effects(paths: Sequence[str | Path]) -> Iterator[list[ModuleType]]:
         InputError: a file is no effect, or has the name of another.
         NotPossible: one of the files' own code failed while it was used.
     """
-    found: list[ModuleType] = []
+    effects: list[ModuleType] = []
     try:
         for path in paths:
             effect = read_effect(path)
-            if any(effect.NAME == other.NAME for other in found):
+            if any(effect.NAME == other.NAME for other in effects):
                 raise InputError(f"--effect {path}: another file has the NAME {effect.NAME!r} too: rename one of them")
             add(effect)
-            found.append(effect)
+            effects.append(effect)
         try:
-            with _each_call_ends({str(effect.__file__) for effect in found}, USE_SECONDS):
-                yield found
+            with _each_call_ends({str(effect.__file__) for effect in effects}, USE_SECONDS):
+                yield effects
         except (InputError, NotPossible):
             raise
         except Exception as error:
             files = {frame.filename for frame in traceback.extract_tb(error.__traceback__)}
-            for effect in found:
+            for effect in effects:
                 if effect.__file__ in files:
                     raise NotPossible(
                         f"effect {effect.NAME} failed: {first_line(error)}: correct {effect.__file__}"
                     ) from None
             raise
     finally:
-        for effect in found:
+        for effect in effects:
             remove(effect.NAME)
 
 

@@ -83,13 +83,13 @@ def of_record(effect: ModuleType, given: dict[str, Any]) -> ModuleType:
     make = getattr(effect, "measured", None)
     if make is None:
         raise InputError(f"effect {effect.NAME} follows nothing that is measured: leave out given")
-    own = ModuleType(effect.__name__)
+    measured_effect = ModuleType(effect.__name__)
     try:
         parts = {**effect.__dict__, "GIVEN": given, **make(given)}
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"effect {effect.NAME}: given {error}") from None
-    own.__dict__.update({k: v for k, v in parts.items() if v is not None})
-    return own
+    measured_effect.__dict__.update({k: v for k, v in parts.items() if v is not None})
+    return measured_effect
 
 
 @contextmanager

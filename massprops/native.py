@@ -37,8 +37,8 @@ def prepare_numba_cache() -> None:
     try:
         place = Path(tempfile.gettempdir()) / f"massprops-numba-{os.getuid()}"
         place.mkdir(mode=0o700, exist_ok=True)
-        found = place.lstat()
-        if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o077:
+        status = place.lstat()
+        if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid() or status.st_mode & 0o077:
             place = Path(tempfile.mkdtemp(prefix="massprops-numba-"))
     except (OSError, AttributeError):
         return

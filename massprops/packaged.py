@@ -65,7 +65,7 @@ def packaged(
         group: of the entry points. faults: what is wrong with a module in one line, empty when nothing is.
         taken: names that are not free. key: which of a module's texts is its name.
     """
-    found: dict[str, ModuleType] = {}
+    modules: dict[str, ModuleType] = {}
     wrong: dict[str, str] = {}
     for point in entry_points(group=group):
         try:
@@ -75,10 +75,10 @@ def packaged(
             wrong[point.name] = f"it cannot be loaded: {first_line(error)}"
             continue
         name = getattr(module, key, "")
-        if not fault and (name in taken or name in found):
+        if not fault and (name in taken or name in modules):
             fault = f"its {key} {name!r} is taken"
         if fault:
             wrong[point.name] = fault
         else:
-            found[name] = module
-    return found, wrong
+            modules[name] = module
+    return modules, wrong

@@ -114,12 +114,12 @@ def with_options(kind: type, defaults: Mapping[str, Any]) -> Callable[[Verb], Ve
 
     def signed(verb: Verb) -> Verb:
         plain = inspect.signature(verb)
-        own = [p for p in plain.parameters.values() if p.kind is not p.VAR_KEYWORD]
+        explicit_parameters = [p for p in plain.parameters.values() if p.kind is not p.VAR_KEYWORD]
         keywords = [
             inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=defaults.get(name), annotation=_text(type_))
             for name, type_ in kind.__annotations__.items()
         ]
-        verb.__signature__ = plain.replace(parameters=[*own, *keywords])  # type: ignore[attr-defined]
+        verb.__signature__ = plain.replace(parameters=[*explicit_parameters, *keywords])  # type: ignore[attr-defined]
         return verb
 
     return signed

@@ -275,9 +275,9 @@ class Simulation(Displayed, os.PathLike[str]):
         """The true motion and body; no estimator reads it."""
         from massprops.sequence.truth import read_truth
 
-        found = read_truth(self.folder)
-        assert found is not None
-        return found
+        truth = read_truth(self.folder)
+        assert truth is not None
+        return truth
 
     @cached_property
     def frames(self) -> np.ndarray:

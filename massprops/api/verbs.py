@@ -300,7 +300,7 @@ def diagnose(
             return _several([given, *map(as_path, more)], _path(out), force, progress)
     inputs = [given] if isinstance(given, Path) else []
     with with_effects(_paths(effect)):
-        found = search(
+        result = search(
             given,
             _path(out),
             **({} if progress is None else {"progress": progress}),
@@ -309,7 +309,7 @@ def diagnose(
             simulator=simulator,
         )
     folder = _path(out)
-    return Diagnosis(found.document, found.model, folder, lambda place: write_found(place, found, inputs, force))
+    return Diagnosis(result.document, result.model, folder, lambda place: write_found(place, result, inputs, force))
 
 
 def _several(records: list[Any], out: Path | None, force: bool, progress: Progress | None) -> Diagnosis:
