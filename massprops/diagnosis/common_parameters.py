@@ -181,19 +181,19 @@ def _at_best(fits: list[HypothesisFit], name: str, parameter: str, axes: bool) -
         slopes = {k: (v - down.parameters[name][k]) / (2.0 * step) for k, v in up.parameters[name].items()}
         best += float(np.clip(0.5 * (up.evidence - down.evidence) / step * sd**2, -step, step))
         step = STEP_SIGMAS * sd
-    own = {k: float(np.hypot(s, sd * slopes[k])) for k, s in common.sigma[name].items()}
+    effect_sigma = {k: float(np.hypot(s, sd * slopes[k])) for k, s in common.sigma[name].items()}
     value, sigma = {parameter: float(np.exp(best))}, {parameter: float(sd * np.exp(best))}
     return replace(
         common,
         parameters=common.parameters | {name: common.parameters[name] | value},
-        sigma=common.sigma | {name: own | sigma},
+        sigma=common.sigma | {name: effect_sigma | sigma},
     )
 
 
 def _at_rest(fits: list[HypothesisFit], given: dict[tuple[str, str], float], axes: bool) -> Common:
     """The common values about which the linearised records agree; given: values of scanned parameters."""
-    own = [f for f in fits if f.axis is not None] or [f for f in fits if of_body(f)] or fits
-    reference = min(own, key=lambda f: float(np.trace(f.posterior.covariance["base"][:INERTIA, :INERTIA])))
+    candidates = [f for f in fits if f.axis is not None] or [f for f in fits if of_body(f)] or fits
+    reference = min(candidates, key=lambda f: float(np.trace(f.posterior.covariance["base"][:INERTIA, :INERTIA])))
     at = next(k for k, f in enumerate(fits) if f is reference)
     shape, axis, body = reference.shape, reference.axis, reference.hypothesis.terms
     hypotheses = [_with(f.hypothesis, body, given) for f in fits]
@@ -244,16 +244,16 @@ def _with(hypothesis: Hypothesis, body: tuple[Term, ...], given: dict[tuple[str,
 def _places(fit: HypothesisFit) -> np.ndarray:
     """Which of a fit's unknowns are common."""
     places = fit.posterior.places
-    own = [places[t.name].start + _solved_for(t) for t in fit.hypothesis.terms]
+    of_terms = [places[t.name].start + _solved_for(t) for t in fit.hypothesis.terms]
     wheel = [places["wheel axis"].start + np.arange(AXIS)] if fit.axis is not None else []
-    return np.concatenate([np.arange(INERTIA), *wheel, *own]).astype(int)
+    return np.concatenate([np.arange(INERTIA), *wheel, *of_terms]).astype(int)
 
 
 def _keys(fit: HypothesisFit) -> list[tuple[str, int]]:
     """What each of a fit's common unknowns is: of what, and its number there."""
     wheel = [("wheel axis", k) for k in range(AXIS if fit.axis is not None else 0)]
-    own = [(t.name, int(k)) for t in fit.hypothesis.terms for k in _solved_for(t)]
-    return [*(("inertia", k) for k in range(INERTIA)), *wheel, *own]
+    of_terms = [(t.name, int(k)) for t in fit.hypothesis.terms for k in _solved_for(t)]
+    return [*(("inertia", k) for k in range(INERTIA)), *wheel, *of_terms]
 
 
 def _factors(fit: HypothesisFit) -> np.ndarray:
@@ -292,12 +292,12 @@ def _law(fit: HypothesisFit, first: HypothesisFit) -> Law:
         by_rows = of_rows(np.linalg.inv(covariance), sd) / fit.widened**2
         covariance = np.linalg.inv(by_rows + np.diag(sd**-2))
     covariance[range(INERTIA), range(INERTIA)] += LEAST_SD**2
-    keys, own = _keys(first), _keys(fit)
-    if keys == own:
+    keys, record_keys = _keys(first), _keys(fit)
+    if keys == record_keys:
         return Law(mean=mean, covariance=covariance, sd=sd)
     whole_sd = np.concatenate(list(first.posterior.sd.values()))[_places(first)] / _factors(first)
     whole_sd[[k for k, (of, _) in enumerate(keys) if of == "wheel axis"]] = AXIS_SD
-    at = [keys.index(k) for k in own]
+    at = [keys.index(k) for k in record_keys]
     whole_mean = np.zeros(len(keys))
     whole_mean[at], whole_sd[at] = mean, sd
     whole = np.diag(whole_sd**2)

@@ -72,13 +72,13 @@ def conserved_by_both(
     places = [np.arange(end - f.shape[2], end) for f, end in zip([*sides[0], *sides[1]], ends, strict=True)]
     firsts, seconds = places[: len(a)], places[len(a) :]
     out = []
-    for own in firsts:
+    for columns_of_first in firsts:
         kept = np.concatenate([np.arange(6), *seconds])
-        left = _without(whole, kept, np.concatenate([np.arange(6, 9), own]))
+        remaining_products = _without(whole, kept, np.concatenate([np.arange(6, 9), columns_of_first]))
         where = np.searchsorted(kept, np.concatenate(seconds)).tolist()
         begun, sixes = 0, []
         for second in seconds:
-            sixes.append(_without(left, np.arange(6), np.array(where[begun : begun + len(second)])))
+            sixes.append(_without(remaining_products, np.arange(6), np.array(where[begun : begun + len(second)])))
             begun += len(second)
         out.append(_least(np.array(sixes), np.broadcast_to(part, (len(sixes), 6, 6)), np.eye(6)[None]))
     return np.array([value for value, _ in out]), np.array([six for _, six in out])
@@ -105,11 +105,11 @@ def conserved_across(path: MotionPath, at: np.ndarray, forcing: Forcing | None =
     from scipy.optimize import minimize
 
     across = _Across(path, at, forcing)
-    found = minimize(
+    minimum = minimize(
         lambda v: np.log(max(across.least(v[None] / np.linalg.norm(v))[0][0], 1e-300)), across.best(DIRECTIONS)[1],
         method="Nelder-Mead", options={"maxfev": 150, "xatol": 1e-3, "fatol": 1e-3},
     )  # fmt: skip
-    axis = found.x / np.linalg.norm(found.x)
+    axis = minimum.x / np.linalg.norm(minimum.x)
     values, sixes = across.least(axis[None])
     value, x = float(values[0]), sixes[0]
     inertia = _matrix(x)

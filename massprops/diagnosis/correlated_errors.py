@@ -17,9 +17,9 @@ def innovations(rows: np.ndarray, record: Record, memory: float) -> np.ndarray:
     if part is None:
         return rows
     m = len(record.times)
-    own = rows[: 3 * m].reshape(m, 3, -1)
-    new = own.copy()
-    new[1:] = (own[1:] - part[:, None, None] * own[:-1]) / np.sqrt(1.0 - part**2)[:, None, None]
+    attitude_rows = rows[: 3 * m].reshape(m, 3, -1)
+    new = attitude_rows.copy()
+    new[1:] = (attitude_rows[1:] - part[:, None, None] * attitude_rows[:-1]) / np.sqrt(1.0 - part**2)[:, None, None]
     return np.concatenate([new.reshape(rows[: 3 * m].shape), rows[3 * m :]])
 
 

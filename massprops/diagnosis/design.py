@@ -30,14 +30,14 @@ def design(scenario: str | Path) -> dict[str, Any]:
         NotPossible: its sensors show no rotation.
     """
     planned = _scenario(scenario)
-    found = _plan(planned)
+    outlook = _plan(planned)
     return {
         "format": "massprops-design/1",
         "scenario": str(scenario),
-        "epochs": len(found.record.times),
-        "seconds": found.record.path.span,
-        "measured": "body rates" if found.record.rows.rates else "attitudes",
-        "sigma": float(np.median(found.record.rows.sigma)),
+        "epochs": len(outlook.record.times),
+        "seconds": outlook.record.path.span,
+        "measured": "body rates" if outlook.record.rows.rates else "attitudes",
+        "sigma": float(np.median(outlook.record.rows.sigma)),
         "power": POWER,
         "effects": [
             {
@@ -47,16 +47,16 @@ def design(scenario: str | Path) -> dict[str, Any]:
                 "in_the_best_direction": _finite(s.best),
                 "in_the_worst_direction": _finite(s.worst),
             }
-            for s in found.signals
+            for s in outlook.signals
         ],
         "told_apart": {
-            a.name: {b.name: _finite(found.apart[i, j]) for j, b in enumerate(found.signals) if j != i}
-            for i, a in enumerate(found.signals)
+            a.name: {b.name: _finite(outlook.apart[i, j]) for j, b in enumerate(outlook.signals) if j != i}
+            for i, a in enumerate(outlook.signals)
         },
-        "confused": [list(pair) for pair in found.confused],
+        "confused": [list(pair) for pair in outlook.confused],
         "apart_up_to": APART,
-        "would_help": _help(planned, found),
-        "skipped": found.skipped,
+        "would_help": _help(planned, outlook),
+        "skipped": outlook.skipped,
     }
 
 

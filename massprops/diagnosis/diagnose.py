@@ -131,9 +131,9 @@ def diagnose_several(
                 f"{name}: several records are compared by attitudes, or by body rates over at most ten turns, and this one "
                 "holds neither: diagnose it by itself"
             )
-    found = [diagnose_by_balance(s, progress) for s in of_one_wheel(sequences).values()]
-    joint = together([f.selection for f in found])
-    return document_of_together(joint, list(sequences), [f.document for f in found])
+    diagnoses = [diagnose_by_balance(s, progress) for s in of_one_wheel(sequences).values()]
+    joint = together([f.selection for f in diagnoses])
+    return document_of_together(joint, list(sequences), [f.document for f in diagnoses])
 
 
 def write_several(document: dict[str, Any], out: Path, inputs: Iterable[Path], force: bool = False) -> None:

@@ -199,10 +199,10 @@ def _mean_moment(
 ) -> dict[str, dict[str, float]]:
     """The body's mean moment of inertia in SI units, where a wheel's rate and moment are known."""
     given = getattr(module, "GIVEN", {})
-    found = [(v, sigma[k]) for k, v in shown.items() if v is not None]
+    values_and_sigmas = [(v, sigma[k]) for k, v in shown.items() if v is not None]
     if "inertia_kg_m2" not in given:
         return {}
-    return mean_moment(given["inertia_kg_m2"] * max(map(abs, given["rate_rad_s"])), found)
+    return mean_moment(given["inertia_kg_m2"] * max(map(abs, given["rate_rad_s"])), values_and_sigmas)
 
 
 def mean_moment(carried: float, found: list[tuple[float, float | None]]) -> dict[str, dict[str, float]]:
@@ -322,8 +322,8 @@ def _goes_with(fit: HypothesisFit) -> list[dict[str, Any]]:
             for other, component in zip(vector.T, "xyz", strict=True):
                 if tau.std() > 0 and other.std() > 0:
                     r = float(np.corrcoef(tau, other)[0, 1])
-                    said = "Sun" if name == "sun" else name
-                    out.append({"with": f"torque {letter} by {said} {component}", "r": r, "p": None})
+                    label = "Sun" if name == "sun" else name
+                    out.append({"with": f"torque {letter} by {label} {component}", "r": r, "p": None})
     return sorted(out, key=lambda e: -abs(e["r"]))
 
 

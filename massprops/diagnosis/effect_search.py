@@ -101,7 +101,7 @@ def followed(record: Record, look: FirstLook, base: HypothesisFit, least: float 
     if look.fits:
         begun = _likeliest(look.fits + (_short_fits(record, look.more) if look.evidence > least else []))
         # along rates the screen says an event's moment, and the likeliest alone have their variants
-        more = [(v, s) for t, own in begun for v in variants(t, gap) for s in (own, BALL)]
+        more = [(v, s) for t, start in begun for v in variants(t, gap) for s in (start, BALL)]
         begun = _likeliest(_short_fits(record, begun + more)) if more and record.screen is None else begun
     begun = begun + [(t, Start(inertia=base.inertia, left=1.0)) for t, _ in begun[:SCANNED]]
     if follows_measured(look.effect):

@@ -126,10 +126,13 @@ def _rows(blocks: list[Block], y: np.ndarray, group: np.ndarray | None) -> _Rows
     groups: list[np.ndarray | slice] = [np.flatnonzero(group == g) for g in range(int(group.max()) + 1)]
     if len(groups) == 1:
         groups = [slice(None)]  # no copy of the columns
-    G, by = np.stack([X[own].T @ X[own] for own in groups]), np.stack([X[own].T @ y[own] for own in groups])
+    G, by = (
+        np.stack([X[of_group].T @ X[of_group] for of_group in groups]),
+        np.stack([X[of_group].T @ y[of_group] for of_group in groups]),
+    )
     if not np.isfinite(G).all():
         raise FloatingPointError("the columns leave all bounds")
-    return _Rows(X=X, y=y, groups=groups, G=G, by=by, n=np.array([len(y[own]) for own in groups]))
+    return _Rows(X=X, y=y, groups=groups, G=G, by=by, n=np.array([len(y[of_group]) for of_group in groups]))
 
 
 def solve(
@@ -249,8 +252,8 @@ class _Search:
         from massprops.diagnosis.size_kernel import searched
 
         rows, block = self.rows, np.full(self.count, -1)
-        for number, (_, own) in enumerate((b, p) for b, p in self.places if b.kind == "common"):
-            block[own] = number
+        for number, (_, place) in enumerate((b, p) for b, p in self.places if b.kind == "common"):
+            block[place] = number
         finite, evidence, mean, at, moved, factor = searched(
             rows.X, rows.y, rows.G[0], rows.by[0], block, sizes, float(self.noise_rows), steps, SMALL_GAIN
         )
@@ -273,14 +276,14 @@ class _Search:
         else:
             mean, variance, taken, size = self.wide.unknowns(at, float(noise[0]))
         self.squares = self.squares or _Squares.about(rows, mean)
-        left = self.squares.of(rows, mean)
+        squares = self.squares.of(rows, mean)
         over = mean / at
         evidence = -0.5 * float(over @ over) - size
-        for n, s, square in zip(rows.n.tolist(), noise.tolist(), left.tolist(), strict=True):
+        for n, s, square in zip(rows.n.tolist(), noise.tolist(), squares.tolist(), strict=True):
             evidence -= (n + believed) * log(s) + 0.5 * (square + believed) / s**2 - 0.5 * believed
         moved, scales = at.copy(), dict(zip(self.sparse, scale.tolist(), strict=True))
         evidence += _moved_sizes(self.places, moved, scales, mean**2 + variance)
-        noise = np.sqrt((left + taken + believed) / (rows.n + believed))
+        noise = np.sqrt((squares + taken + believed) / (rows.n + believed))
         if not np.isfinite(evidence) or not np.isfinite(moved).all():
             raise FloatingPointError("the unknowns leave all bounds")
         return _Step(evidence, mean, factor, sizes, np.concatenate([moved, list(scales.values()), noise]))
@@ -339,9 +342,11 @@ class _Squares:
     @staticmethod
     def about(rows: _Rows, mean: np.ndarray) -> _Squares:
         residual = rows.y - rows.X @ mean
-        own = [residual[group] for group in rows.groups]
-        by = np.stack([rows.X[group].T @ left for group, left in zip(rows.groups, own, strict=True)])
-        return _Squares(mean, np.array([float(left @ left) for left in own]), by)
+        by_group = [residual[group] for group in rows.groups]
+        by = np.stack(
+            [rows.X[group].T @ group_residual for group, group_residual in zip(rows.groups, by_group, strict=True)]
+        )
+        return _Squares(mean, np.array([float(group_residual @ group_residual) for group_residual in by_group]), by)
 
     def of(self, rows: _Rows, mean: np.ndarray) -> np.ndarray:
         """(g,) at other unknowns (k,)."""
@@ -356,8 +361,8 @@ def _unknowns(rows: _Rows, sd: np.ndarray, noise: np.ndarray) -> tuple[np.ndarra
     from scipy.linalg.lapack import dpotrf, dpotrs, dtrtri
 
     G, by = rows.G[0] / noise[0] ** 2, rows.by[0] / noise[0] ** 2
-    for own, across, s in zip(rows.G[1:], rows.by[1:], noise[1:].tolist(), strict=True):
-        G += own / s**2
+    for gram, across, s in zip(rows.G[1:], rows.by[1:], noise[1:].tolist(), strict=True):
+        G += gram / s**2
         by += across / s**2
     whole = sd[:, None] * G * sd
     whole.flat[:: len(sd) + 1] += 1.0

@@ -41,10 +41,10 @@ def held_out_rms(fit: HypothesisFit, over: np.ndarray) -> float:
     noise = fit.row_noise
     X = np.concatenate([b.columns for b in fit.blocks], axis=1)
     sd = np.concatenate([fit.posterior.sd[b.name] for b in fit.blocks])
-    left = np.full(len(fit.y), np.nan)
+    residual = np.full(len(fit.y), np.nan)
     for k in range(criteria.FOLDS):
         seen = fold != k
         A = X[seen] * sd / noise[seen, None]
         mean = sd * np.linalg.solve(A.T @ A + np.eye(len(sd)), A.T @ (fit.y[seen] / noise[seen]))
-        left[~seen] = fit.y[~seen] - X[~seen] @ mean
-    return float(np.sqrt(np.nanmean((left.reshape(-1, 3) / over) ** 2)))
+        residual[~seen] = fit.y[~seen] - X[~seen] @ mean
+    return float(np.sqrt(np.nanmean((residual.reshape(-1, 3) / over) ** 2)))

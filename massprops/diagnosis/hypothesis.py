@@ -116,8 +116,8 @@ def linear_model(
     for name, _, columns, sd, kind in parts:
         # the search for a size goes on where the pass before left it
         size = max(guess.sizes[name], SMALLEST * sd) if name in guess.sizes else sd
-        own = innovations(columns.reshape(len(over), -1) * over[:, None], record, hypothesis.memory)
-        blocks.append(Block(name=name, columns=own, sd=size, kind=kind, own=int(kind == "sparse")))
+        whitened = innovations(columns.reshape(len(over), -1) * over[:, None], record, hypothesis.memory)
+        blocks.append(Block(name=name, columns=whitened, sd=size, kind=kind, own=int(kind == "sparse")))
     if not all(np.isfinite(b.columns).all() for b in blocks):
         raise FloatingPointError("the path that is predicted leaves all bounds")
     y = innovations((balance.rows.values - balance.constant(guess.start)).reshape(-1) * over, record, hypothesis.memory)

@@ -112,8 +112,8 @@ def plan(record: Record, inertia: np.ndarray) -> Plan:
     G, places = _information(record, balance, terms)
     signals = []
     for effect in effects:
-        own = [k for k, owner in enumerate(owners) if owner is effect]
-        signals.append(_signal(effect, [terms[k] for k in own], [places[k] for k in own], G))
+        of_effect = [k for k, owner in enumerate(owners) if owner is effect]
+        signals.append(_signal(effect, [terms[k] for k in of_effect], [places[k] for k in of_effect], G))
     apart = np.array([[1.0 if a is b else _factor(a, b, G) for b in signals] for a in signals])
     return Plan(record=record, signals=tuple(signals), apart=apart, skipped=skipped)
 
@@ -167,13 +167,13 @@ def _signal(effect: Any, terms: list[Term], places: list[slice], G: np.ndarray) 
 def _factor(active: Signal, other: Signal, G: np.ndarray) -> float:
     """Factor on the size from which an effect is told apart from another, whose scanned values may be any of its own."""
     factors = []
-    for own in active.columns:
-        whole = float(np.trace(G[own, own]))
-        left = whole
+    for active_place in active.columns:
+        whole = float(np.trace(G[active_place, active_place]))
+        unexplained = whole
         for place in other.columns:
             value, vector = np.linalg.eigh(G[place, place])
             seen = value > RANK * max(float(value[-1]), 1e-300)
-            across = vector[:, seen].T @ G[place, own] / np.sqrt(value[seen])[:, None]
-            left = min(left, whole - float(np.sum(across**2)))
-        factors.append(np.sqrt(whole / left) if left > RANK * whole else np.inf)
+            across = vector[:, seen].T @ G[place, active_place] / np.sqrt(value[seen])[:, None]
+            unexplained = min(unexplained, whole - float(np.sum(across**2)))
+        factors.append(np.sqrt(whole / unexplained) if unexplained > RANK * whole else np.inf)
     return float(np.median(factors))

@@ -21,5 +21,5 @@ def listed(values: Mapping[str, float | None]) -> Listed:
     """Of parameters by name, None for those that the data do not show."""
     shown = [name for name, value in values.items() if value is not None]
     hidden = [name for name, value in values.items() if value is None]
-    said = ", ".join(hidden) if len(hidden) <= MOST else f"{len(hidden)} of {len(values)} parameters"
-    return Listed(shown[:MOST], max(0, len(shown) - MOST), said)
+    hidden_text = ", ".join(hidden) if len(hidden) <= MOST else f"{len(hidden)} of {len(values)} parameters"
+    return Listed(shown[:MOST], max(0, len(shown) - MOST), hidden_text)

@@ -60,8 +60,8 @@ def of_one_wheel(sequences: dict[str, Sequence]) -> dict[str, Sequence]:
             raise InputError(
                 f"{name}: rotor0 states {wheel.inertia_kg_m2:g} kg m² and another record {moment:g}: one wheel has one"
             )
-        own = replace(wheel, axis=axis, inertia_kg_m2=moment) if np.any(wheel.rate) else None
-        out[name] = replace(sequences[name], rotor=own)
+        rotor = replace(wheel, axis=axis, inertia_kg_m2=moment) if np.any(wheel.rate) else None
+        out[name] = replace(sequences[name], rotor=rotor)
     return out
 
 

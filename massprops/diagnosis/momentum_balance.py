@@ -100,8 +100,8 @@ class Rows:
     @property
     def spread(self) -> np.ndarray:
         """(3 all,) 1-sigma of each number measured."""
-        own = np.repeat(self.sigma, 3) if self.sigma.ndim == 1 else self.sigma.reshape(-1)
-        return own if self.gyroscope is None else np.concatenate([own, self.gyroscope.spread])
+        sigmas = np.repeat(self.sigma, 3) if self.sigma.ndim == 1 else self.sigma.reshape(-1)
+        return sigmas if self.gyroscope is None else np.concatenate([sigmas, self.gyroscope.spread])
 
     @property
     def values(self) -> np.ndarray:
@@ -242,9 +242,9 @@ class Balance:
         shown = -skew(self.rate)
         if self.rows.rates:
             return np.asarray((shown + self._answer)[self.rows.at])
-        own = np.broadcast_to(-np.eye(3), (len(self.rows.at), 3, 3))
+        of_attitudes = np.broadcast_to(-np.eye(3), (len(self.rows.at), 3, 3))
         beside = self.rows.gyroscope
-        return np.asarray(own if beside is None else np.concatenate([own, shown[beside.at]]))
+        return np.asarray(of_attitudes if beside is None else np.concatenate([of_attitudes, shown[beside.at]]))
 
     def turned(self, turn: np.ndarray) -> np.ndarray:
         """(all, 3, k) rows of rates along a path that is turned by (n, 3, k), inertial axes."""
@@ -271,10 +271,10 @@ class Balance:
         """(all, 3, k) rows of a rate along the path itself (n, 3, k) and of the turns from it (n, 3, k), None for rates."""
         if turned is None:
             return np.asarray(rate[self.rows.at])
-        own, beside = turned[self.rows.at], self.rows.gyroscope
+        of_attitudes, beside = turned[self.rows.at], self.rows.gyroscope
         if beside is None:
-            return np.asarray(own)
-        return np.concatenate([own, rate[beside.at] + self._answer[beside.at] @ turned[beside.at]])
+            return np.asarray(of_attitudes)
+        return np.concatenate([of_attitudes, rate[beside.at] + self._answer[beside.at] @ turned[beside.at]])
 
     def motion(self, rate: np.ndarray, turn: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Rate (n, 3) and turn (n, 3) from the path when the balance gives this rate (n, 3) along the path itself, and

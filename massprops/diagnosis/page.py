@@ -56,14 +56,14 @@ def _over_time(d: BalanceDiagnosis) -> list[str]:
     fits = [s.base] if shown is s.base else [s.base, shown]
     squares = [np.mean((f.residual / s.noise) ** 2, axis=1) for f in fits]
     plots = []
-    for measured, own in (
+    for measured, channel_rows in (
         ("rate" if d.record.rows.rates else "attitude", slice(0, count)),
         ("rate of the gyroscope", slice(count, None)),
     ):
-        t = d.record.row_times[own]
+        t = d.record.row_times[channel_rows]
         parts = np.array_split(np.arange(len(t)), min(BINS, max(1, len(t))))
         middle = np.array([t[p].mean() for p in parts if len(p)])
-        means = [np.sqrt([x[own][p].mean() for p in parts if len(p)]) for x in squares]
+        means = [np.sqrt([x[channel_rows][p].mean() for p in parts if len(p)]) for x in squares]
         if len(middle):
             lines = [(n, middle, v) for n, v in zip(("before", name), means, strict=False)]
             plots.append(residuals(lines, measured))
@@ -121,13 +121,13 @@ def _lever(doc: dict[str, Any]) -> str:
     """Where the sensor sits, and what that does not explain."""
     if "lever" not in doc:
         return ""
-    found = doc["lever"]
+    lever = doc["lever"]
     rows = [
         (a, f"{number(1e3 * r, 4)} ± {number(1e3 * s, 2)} mm")
-        for a, r, s in zip("xyz", found["sensor_from_centre_of_mass_m"], found["sigma"], strict=True)
+        for a, r, s in zip("xyz", lever["sensor_from_centre_of_mass_m"], lever["sigma"], strict=True)
     ]
-    said = f"One lever leaves {number(found['left_m_s2'], 3)} m/s² of what the accelerometer measured: this is free flight."
-    return f"<p>{said}</p>" + table(rows, ("axis", "from the centre of mass to the sensor"))
+    sentence = f"One lever leaves {number(lever['left_m_s2'], 3)} m/s² of what the accelerometer measured: this is free flight."
+    return f"<p>{sentence}</p>" + table(rows, ("axis", "from the centre of mass to the sensor"))
 
 
 def _torque(d: BalanceDiagnosis) -> str:

@@ -32,20 +32,20 @@ def verdict(doc: dict[str, Any]) -> str:
     names = ", ".join(dict.fromkeys(e["name"] for e in doc["effects"]))
     title = doc["verdict"] + (f": {names}" if names else "")
     kind, means = ("warning", UNSEEN) if is_blind(doc) else (KIND[doc["verdict"]], MEANS[doc["verdict"]])
-    said = (
+    statement = (
         f'<div class="{kind}"><b>{text(title)}</b> ({means}). '
         f"{text(_sentence(doc['reason']))}</div>{_predicted(doc['gap']['held_out'])}"
     )
     rows = [row for e in doc["effects"] for row in _parameters(e)]
     if not rows:
-        return said
-    found = table(rows, ("effect", "parameter", "value ± 1σ", "unit"), numeric=(2,))
-    return said + found + f'<p class="soft">{text(_sentence(doc["axes"]))}</p>'
+        return statement
+    parameter_table = table(rows, ("effect", "parameter", "value ± 1σ", "unit"), numeric=(2,))
+    return statement + parameter_table + f'<p class="soft">{text(_sentence(doc["axes"]))}</p>'
 
 
 def _parameters(e: dict[str, Any]) -> list[tuple[str, str, str, str]]:
     """Rows of an effect's parameters: those that the data show, and in one row the names of the others."""
-    found = listed(e["parameters"])
+    listing = listed(e["parameters"])
     rows = [
         (
             e["name"],
@@ -53,12 +53,12 @@ def _parameters(e: dict[str, Any]) -> list[tuple[str, str, str, str]]:
             number(e["parameters"][name], 4) + (f" ± {number(e['sigma'][name], 2)}" if e["sigma"][name] else ""),
             unit(e["units"][name]),
         )
-        for name in found.rows
+        for name in listing.rows
     ]
-    if found.more:
-        rows.append((e["name"], f"{found.more} more", "in diagnosis.json", ""))
-    if found.hidden:
-        rows.append((e["name"], found.hidden, "not shown by the data", ""))
+    if listing.more:
+        rows.append((e["name"], f"{listing.more} more", "in diagnosis.json", ""))
+    if listing.hidden:
+        rows.append((e["name"], listing.hidden, "not shown by the data", ""))
     return rows
 
 
@@ -94,16 +94,18 @@ def _predicted(held: dict[str, Any]) -> str:
 
 def law(doc: dict[str, Any]) -> str:
     """The law that was looked for: its formula, its terms with their probability, and how it predicts."""
-    found = doc.get("law")
-    if found is None:
+    entry = doc.get("law")
+    if entry is None:
         return ""
-    if found["formula"] is None:
-        return f"<p>No law: {text(found['because'])}.</p>"
-    if found["stated"]:
-        said = '<div class="done"><b>Stated</b>: each of its terms is likely, and it beats an unknown torque.</div>'
+    if entry["formula"] is None:
+        return f"<p>No law: {text(entry['because'])}.</p>"
+    if entry["stated"]:
+        statement = (
+            '<div class="done"><b>Stated</b>: each of its terms is likely, and it beats an unknown torque.</div>'
+        )
     else:
-        said = f'<div class="warning"><b>Not stated</b>: {text(found["because"])}.</div>'
-    head = f"{said}<p><code>{text(found['formula'])}</code></p>"
+        statement = f'<div class="warning"><b>Not stated</b>: {text(entry["because"])}.</div>'
+    head = f"{statement}<p><code>{text(entry['formula'])}</code></p>"
     terms = [
         (
             " = ".join((t["term"], *t["same_here"])),
@@ -111,18 +113,18 @@ def law(doc: dict[str, Any]) -> str:
             unit(t["unit"]),
             number(t["probability"], 3),
         )
-        for t in found["terms"]
+        for t in entry["terms"]
     ]
     gap = [
-        (p.replace("_", " "), *(number(found[p][k], 4) for k in ("before", "after"))) for p in ("fitted", "held_out")
+        (p.replace("_", " "), *(number(entry[p][k], 4) for k in ("before", "after"))) for p in ("fitted", "held_out")
     ]
     return (
         head
         + table(terms, ("torque over the mean moment", "coefficient ± 1σ", "unit", "probability"), numeric=(1, 3))
-        + _rivals(found["rivals"])
-        + _beside(found["catalogue"])
+        + _rivals(entry["rivals"])
+        + _beside(entry["catalogue"])
         + table(gap, ("residual over the noise", "without it", "with it"))
-        + f"<p>{text(found['effect'])} contains the law as an effect, {text(found['model'])} its parameters.</p>"
+        + f"<p>{text(entry['effect'])} contains the law as an effect, {text(entry['model'])} its parameters.</p>"
     )
 
 
@@ -139,8 +141,8 @@ def simulator(doc: dict[str, Any]) -> str:
         )
         for n, v in box["parameters"].items()
     ]
-    said = f"{box['name']} leaves {number(box['fitted'], 3)} times the noise, and {number(box['held_out'], 3)} in held-out data."
-    return f"<p>{text(said)}</p>" + table(rows, ("parameter", "value ± 1σ", "unit"), numeric=(1,))
+    sentence = f"{box['name']} leaves {number(box['fitted'], 3)} times the noise, and {number(box['held_out'], 3)} in held-out data."
+    return f"<p>{text(sentence)}</p>" + table(rows, ("parameter", "value ± 1σ", "unit"), numeric=(1,))
 
 
 def _rivals(rivals: list[dict[str, Any]]) -> str:

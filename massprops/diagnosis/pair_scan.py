@@ -79,14 +79,14 @@ def least_left(record: Record, a: Scanned, b: Scanned) -> list[tuple[Terms, Star
     leaves the inertia open.
     """
     squares, sixes = conserved_by_both(record.path, record.rows.at, a.forcings, b.forcings)
-    left = np.sqrt(np.maximum(squares, 0.0))
-    order = [divmod(int(k), left.shape[1]) for k in np.argsort(left, axis=None)]
+    remaining_momentum = np.sqrt(np.maximum(squares, 0.0))
+    order = [divmod(int(k), remaining_momentum.shape[1]) for k in np.argsort(remaining_momentum, axis=None)]
     if len(order) > FEW:
         every, order = order, order[:KEPT]
-        for side, own in enumerate((a, b)):
-            if own.alone:
-                order += [k for k in every if k[side] == len(own.terms) - 1][:ANCHORED]
-        order += _dips(left[: len(a.terms) - a.alone, : len(b.terms) - b.alone])
+        for side, scanned_effect in enumerate((a, b)):
+            if scanned_effect.alone:
+                order += [k for k in every if k[side] == len(scanned_effect.terms) - 1][:ANCHORED]
+        order += _dips(remaining_momentum[: len(a.terms) - a.alone, : len(b.terms) - b.alone])
     return [((a.terms[i], b.terms[j]), start_of(squares[i, j], sixes[i, j])) for i, j in dict.fromkeys(order)]
 
 

@@ -67,18 +67,18 @@ def pairs(
     # an effect that is not linear in its unknowns bends to what sunlight on faces leaves: the two passed for a periodic torque
     linear = [m for m in usable if not hasattr(m, "momentum_moved")]
     forced = [scanned(along, effect, unknown, alone.get(effect.NAME)) for effect in linear]
-    firsts = {own.name: own for own in forced}
+    firsts = {candidate.name: candidate for candidate in forced}
     seconds = [m for m in in_balance() if getattr(m, "BESIDE", None) in firsts]
     both = [*combinations(forced, 2), *((firsts[m.BESIDE], scanned(along, m, unknown, None)) for m in seconds)]
     tried = sorted((least_left(along, a, b) for a, b in both), key=lambda t: t[0][1].left)
     begun: list[list[HypothesisFit]] = []
-    for own in tried[:SCREENED]:
-        fits = _begun(along, own, gap, _least(begun, free))
+    for candidate in tried[:SCREENED]:
+        fits = _begun(along, candidate, gap, _least(begun, free))
         begun += [fits] if fits and can_be(fits[0]) else []
     begun.sort(key=lambda f: -f[0].evidence)
     least = _least(begun, free)
-    found = [_finished(along, fits, starts if fits[0].evidence > least else []) for fits in begun[:FINISHED]]
-    ranked = sorted((f for f in found if f is not None), key=lambda f: -f.evidence)
+    finished = [_finished(along, fits, starts if fits[0].evidence > least else []) for fits in begun[:FINISHED]]
+    ranked = sorted((f for f in finished if f is not None), key=lambda f: -f.evidence)
     moved = [_all_moved(f, gap) if f.evidence > least else f for f in ranked[:MOVED]]
     wheels = [] if any(map(is_enough, moved)) else _beside_wheel(along, forced, gap)
     return sorted([*moved, *ranked[MOVED:], *wheels], key=lambda f: -f.evidence)
@@ -97,7 +97,7 @@ def _begun(record: Record, tried: list[tuple[Terms, Start]], gap: float, least: 
     """
     # few values begin at a ball as well
     fits = _ranked(
-        [f for terms, own in tried for f in _short(record, [terms], [own, BALL][: 1 + (len(tried) <= KEPT)])]
+        [f for terms, start in tried for f in _short(record, [terms], [start, BALL][: 1 + (len(tried) <= KEPT)])]
     )
     if not fits or len(tried) == 1 or fits[0].evidence < least:
         return fits
@@ -119,11 +119,11 @@ def _short(record: Record, tried: list[Terms], starts: list[Start], wheel: float
     fits = []
     for terms in tried:
         hypothesis = Hypothesis(terms=terms, wheel=wheel > 0, lag=wheel, latent=False)
-        own = []
+        fits_of_terms = []
         for start in starts:
             with suppress(NotPossible):
-                own.append(fit_hypothesis(record, hypothesis, start, passes=SHORT))
-        fits += [max(own, key=lambda f: f.evidence)] if own else []
+                fits_of_terms.append(fit_hypothesis(record, hypothesis, start, passes=SHORT))
+        fits += [max(fits_of_terms, key=lambda f: f.evidence)] if fits_of_terms else []
     return _ranked(fits)
 
 
@@ -150,32 +150,34 @@ def _finished(record: Record, fits: list[HypothesisFit], starts: list[Start]) ->
 
 def _beside_wheel(record: Record, forced: list[Scanned], gap: float) -> list[HypothesisFit]:
     """Fits of an effect and a wheel of any history, about the axis across which both conserve momentum best."""
-    if any(has_known_rate(own.terms[0].effect) for own in forced):
+    if any(has_known_rate(scanned_effect.terms[0].effect) for scanned_effect in forced):
         return []
     path, at, lag = record.path, record.rows.at, LAG * record.path.span
     begun: dict[bool, list[HypothesisFit]] = {True: [], False: []}
-    for own in forced:
-        if own.name == "internal-rotor":
+    for scanned_effect in forced:
+        if scanned_effect.name == "internal-rotor":
             continue
-        left = [left_across(path, at, f) for f in own.forcings] if len(own.terms) > 1 else [0.0]
-        for k in np.argsort(left)[:2]:
-            start = conserved_across(path, at, own.forcings[k])
+        remaining_momentum = (
+            [left_across(path, at, f) for f in scanned_effect.forcings] if len(scanned_effect.terms) > 1 else [0.0]
+        )
+        for k in np.argsort(remaining_momentum)[:2]:
+            start = conserved_across(path, at, scanned_effect.forcings[k])
             # beside an unknown torque, which keeps the wheel from answering for what the scanned value misses; and without, as
             # it may answer for the inertia
             for latent, where in ((True, start), (False, with_mean_moment_about_axis(start, path))):
-                h = Hypothesis(terms=(own.terms[k],), wheel=True, lag=lag, latent=latent)
+                h = Hypothesis(terms=(scanned_effect.terms[k],), wheel=True, lag=lag, latent=latent)
                 with suppress(NotPossible):
                     begun[latent].append(fit_hypothesis(record, h, where, passes=SHORT))
     firsts = sorted(begun[True], key=lambda f: -f.evidence)[:WHEELS]
     firsts += sorted((f for f in begun[False] if can_be(f)), key=lambda f: -f.evidence)[:WHEELS]
-    found = []
+    admitted = []
     for first in firsts:
         terms = first.hypothesis.terms
         short = _short(record, [terms, *_varied(terms, gap)], [again(first)], lag)
         fits = [admissible(record, f.hypothesis, again(f), latent=False) for f in short[:1]]
-        found += [f for f in fits if f is not None]
+        admitted += [f for f in fits if f is not None]
     # either start may lead to the same effects
-    likeliest = {f.names: f for f in sorted(found, key=lambda f: f.evidence)}
+    likeliest = {f.names: f for f in sorted(admitted, key=lambda f: f.evidence)}
     ranked_wheels = sorted(likeliest.values(), key=lambda f: -f.evidence)
     return [_all_moved(f, gap) for f in ranked_wheels[:1]] + ranked_wheels[1:]
 

@@ -212,8 +212,8 @@ def _beside(times: np.ndarray, rates: RateSeries, first: int) -> _Gyroscope | No
         first: stamp from which times count [ns].
     """
     since = (rates.timestamp_ns - first) * 1e-9
-    own = (since >= times[0]) & (since <= times[-1])
-    since, w = since[own], rates.w[own]
+    in_span = (since >= times[0]) & (since <= times[-1])
+    since, w = since[in_span], rates.w[in_span]
     if len(since) < FEWEST_ROWS:
         return None
     sigma = np.maximum(rates.sigma or 0.0, np.median(local_noise(w), axis=0))

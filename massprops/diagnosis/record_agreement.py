@@ -94,9 +94,9 @@ def own_numbers(fits: list[HypothesisFit]) -> list[Shared]:
                 word, factor = term.of_body_as(unknown)
                 told.setdefault((term.name, word), []).append((fit.values[term.name][k] / factor, sd[k] / factor))
     out = []
-    for (effect, word), own in told.items():
-        values, sigma = np.array(own).T
-        out.append(_shared(effect, word, values, sigma, np.ones(len(own), bool)))
+    for (effect, word), values_and_sigmas in told.items():
+        values, sigma = np.array(values_and_sigmas).T
+        out.append(_shared(effect, word, values, sigma, np.ones(len(values_and_sigmas), bool)))
     return out
 
 

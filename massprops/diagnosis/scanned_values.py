@@ -124,8 +124,8 @@ def _over_moments(fit: HypothesisFit, place: _Place, gap: float) -> HypothesisFi
     weights /= weights.sum()
     told = by_whole_motion(best)
     covariance = {
-        name: own + np.sum([w * np.outer(d, d) for w, f in zip(weights, tried, strict=True) for d in [f.values[name] - best.values[name]]], axis=0)
-        for name, own in told.covariance.items()
+        name: within + np.sum([w * np.outer(d, d) for w, f in zip(weights, tried, strict=True) for d in [f.values[name] - best.values[name]]], axis=0)
+        for name, within in told.covariance.items()
     }  # fmt: skip
     name = fit.hypothesis.terms[place.term].name
     moments = np.array([dict(f.hypothesis.terms[place.term].held)[place.name] for f in tried])
@@ -170,17 +170,17 @@ def _over_lengths(fit: HypothesisFit, summed: list[_Place], gap: float) -> Hypot
     """With what events' lengths leave open of these, of the moments at which they begin and of all else: the evidence summed over
     lengths about the same middle, from the shortest on until it has fallen."""
     covariance = dict(fit.covariance)
-    held = {name: dict(own) for name, own in fit.held_sd.items()}
+    held = {name: dict(of_effect) for name, of_effect in fit.held_sd.items()}
     for place in summed:
-        name, own = fit.hypothesis.terms[place.term].name, dict(fit.hypothesis.terms[place.term].held)
-        here, tried = _lasting(fit, place.term, own["duration"]), _by_length(fit, place, gap)
+        name, of_effect = fit.hypothesis.terms[place.term].name, dict(fit.hypothesis.terms[place.term].held)
+        here, tried = _lasting(fit, place.term, of_effect["duration"]), _by_length(fit, place, gap)
         if here is None or not tried:
             continue
         weights = np.exp([f.evidence - max(f.evidence for f in tried) for f in tried])
         weights /= weights.sum()
         spread = held.setdefault(name, {})
         for value in ("time", "duration"):
-            off = np.array([dict(f.hypothesis.terms[place.term].held)[value] for f in tried]) - own[value]
+            off = np.array([dict(f.hypothesis.terms[place.term].held)[value] for f in tried]) - of_effect[value]
             spread[value] = float(np.sqrt(spread.get(value, 0.0) ** 2 + weights @ off**2))
         for effect in covariance:
             off = np.array([f.values[effect] for f in tried]) - here.values[effect]
@@ -333,7 +333,8 @@ def _law(fit: HypothesisFit, places: list[_Place], axes: np.ndarray) -> _Law:
 def _widened(fit: HypothesisFit, places: list[_Place], law: _Law) -> HypothesisFit:
     fit = by_whole_motion(fit)
     covariance = {
-        name: own + law.slopes[name] @ law.spread @ law.slopes[name].T for name, own in fit.covariance.items()
+        name: covariance_before + law.slopes[name] @ law.spread @ law.slopes[name].T
+        for name, covariance_before in fit.covariance.items()
     }
     sd = np.sqrt(np.diag(law.axes @ law.spread @ law.axes.T))
     held: dict[str, dict[str, float]] = {}

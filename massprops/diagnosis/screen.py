@@ -49,11 +49,13 @@ def screened(record: Record, terms: tuple[Term, ...], guess: Start) -> Screened 
     if len(kept) < FEWEST_KEPT:
         return None
     rows = Rows(at=record.rows.at[kept], measured=record.rows.measured[kept], sigma=record.rows.sigma[kept], rates=True)
-    own = joined([forcing_of(t, record.path, record.path.w, guess.inertia, record.environment_state) for t in terms])
-    found = []
-    for start, begun in ((guess, own), (conserved(record.path, rows.at, own), None)):
-        found.append(_solved(record, rows, terms, start, begun))
-    return max(found, key=lambda s: s.score)
+    forcing = joined(
+        [forcing_of(t, record.path, record.path.w, guess.inertia, record.environment_state) for t in terms]
+    )
+    solutions = []
+    for start, begun in ((guess, forcing), (conserved(record.path, rows.at, forcing), None)):
+        solutions.append(_solved(record, rows, terms, start, begun))
+    return max(solutions, key=lambda s: s.score)
 
 
 def beside_events(record: Record, terms: tuple[Term, ...]) -> np.ndarray:
@@ -110,29 +112,29 @@ def _solved(record: Record, rows: Rows, terms: tuple[Term, ...], start: Start, b
     L0 = np.mean(np.einsum("nij,nj->ni", path.R, path.w @ inertia_of(shape)), axis=0)
     over = 1.0 / rows.spread
     sd = np.concatenate([np.full(INERTIA, SHAPE_SD), np.full(3, WIDE * speed)])
-    left, unknowns = np.zeros(len(over)), 0
+    residual, unknowns = np.zeros(len(over)), 0
     for _ in range(PASSES):
         balance = Balance(path=path, shape=shape, momentum=path.w, rate=rate, rows=rows)
-        own = begun or joined([forcing_of(t, path, rate, balance.inertia, record.environment_state) for t in terms])
+        forcing = begun or joined([forcing_of(t, path, rate, balance.inertia, record.environment_state) for t in terms])
         begun = None
         free = balance.free
-        along = free if own is None else np.concatenate([free, balance.forced(own)], axis=2)
+        along = free if forcing is None else np.concatenate([free, balance.forced(forcing)], axis=2)
         X = along[rows.at].reshape(len(over), -1) * over[:, None]
         y = (rows.measured - balance.constant(L0)).reshape(-1) * over + X[:, :INERTIA] @ shape
         G = X.T @ X
         scale = np.maximum(np.sqrt(np.diag(G) / len(X)), 1e-300)
         wide = np.concatenate([sd, _widths(terms, 1e3 / scale[len(sd) :])])
         x = wide * np.linalg.solve(wide[:, None] * G * wide + np.eye(len(wide)), wide * (X.T @ y))
-        left, unknowns = y - X @ x, len(x)
+        residual, unknowns = y - X @ x, len(x)
         step = x[:INERTIA] - shape
         moved = along @ np.concatenate([step, x[INERTIA:]])
         rate = balance.rate_of(L0)[:, :, 0] + moved
         shape = shape + step * min(1.0, LARGEST_STEP / max(float(np.abs(step).max()), 1e-12))
         L0 = L0 + x[INERTIA : INERTIA + 3]
-    mean_square = float(left @ left) / len(left)
+    mean_square = float(residual @ residual) / len(residual)
     count, believed = 3 * len(record.times), record.noise_rows
     # rows left out beside an event count as noise: leaving them out is no merit
-    square = len(left) * mean_square + (count - len(left)) * max(1.0, mean_square)
+    square = len(residual) * mean_square + (count - len(residual)) * max(1.0, mean_square)
     score = -0.5 * (count + believed) * np.log((square + believed) / (count + believed)) - 0.5 * unknowns * np.log(
         count
     )

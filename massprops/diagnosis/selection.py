@@ -127,8 +127,8 @@ def _by_themselves(
     for look in sorted(looks, key=lambda one: -one.evidence if isinstance(one, FirstLook) else -one.alone.verified):
         least = _least(tried, base, unknowns)
         if isinstance(look, FirstLook):
-            found = followed(record, look, base, least)
-            tried += [] if found is None else [Candidate(alone=found)]
+            effect_fit = followed(record, look, base, least)
+            tried += [] if effect_fit is None else [Candidate(alone=effect_fit)]
             continue
         with suppress(NotPossible):
             ruled_out = np.isfinite(least) and (
@@ -160,13 +160,15 @@ def _begun_again(
     """With effects that begin at random once more, from other values, where these leave more than a stated noise."""
     out = list(tried)
     for effect in usable if record.stated else []:
-        own = next((c for c in tried if c.name == effect.NAME), None)
-        if own is not None and within_noise(own.alone):
+        tried_before = next((c for c in tried if c.name == effect.NAME), None)
+        if tried_before is not None and within_noise(tried_before.alone):
             continue
-        found = best_fit_again(record, effect, base)
-        if found is not None and (own is None or found.verified > own.alone.verified + SETTLED):
-            with_latent = _beside_unknown(record, found, unknown)
-            out = [c for c in out if c is not own] + [Candidate(alone=found, with_latent=with_latent)]
+        fit_again = best_fit_again(record, effect, base)
+        if fit_again is not None and (
+            tried_before is None or fit_again.verified > tried_before.alone.verified + SETTLED
+        ):
+            with_latent = _beside_unknown(record, fit_again, unknown)
+            out = [c for c in out if c is not tried_before] + [Candidate(alone=fit_again, with_latent=with_latent)]
     return out
 
 
@@ -220,14 +222,14 @@ def _pairs(
         return []
     good = {c.name for c in tried if may_be_named(c, base, *unknowns)}
     alone = [c.alone for c in singles if not c.alone.hypothesis.wheel]
-    found = pairs(record, unknowns[0], alone, usable, base.evidence, lambda fit: is_enough(fit, unknowns))
-    own = [c.own if record.stated and c.name not in good else c.evidence for c in tried]
-    rivals = [*own, *(u.evidence for u in unknowns)]
-    enough = max(rivals) + criteria.BEATS_NOTHING + np.log(1 + len(found))
+    pair_fits = pairs(record, unknowns[0], alone, usable, base.evidence, lambda fit: is_enough(fit, unknowns))
+    single_evidences = [c.own if record.stated and c.name not in good else c.evidence for c in tried]
+    rivals = [*single_evidences, *(u.evidence for u in unknowns)]
+    enough = max(rivals) + criteria.BEATS_NOTHING + np.log(1 + len(pair_fits))
     noise = np.ones(3)
     held = held_out_rms(singles[0].alone, noise)
     out = []
-    for k, fit in enumerate(found):
+    for k, fit in enumerate(pair_fits):
         if paid(fit) > enough and not held_out_rms(fit, noise) > held:
             with_latent = admissible(record, fit.hypothesis, again(fit), latent=True) if k == 0 else None
             out.append(Candidate(alone=fit, with_latent=with_latent))

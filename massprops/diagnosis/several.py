@@ -84,7 +84,7 @@ def together(selections: list[Selection]) -> Together:
     Raises:
         NotPossible: no body comes near all records.
     """
-    tried = {key: own for key in _in_all(selections) if (own := _in_each(key, selections))}
+    tried = {key: candidates for key in _in_all(selections) if (candidates := _in_each(key, selections))}
     tried = _other_laws(tried, selections) | tried
     same = _judged(selections, tried, axes=False)
     try:
@@ -105,9 +105,9 @@ def _judged(
     bases, latents = [s.base for s in selections], [s.unknown for s in selections]
     base, unknown = _base(bases, axes), common_of(latents, axes)
     tried = []
-    for (name, _), own in in_each.items():
+    for (name, _), candidates in in_each.items():
         with suppress(NotPossible):
-            tried.append(_common_effect(name, own, base, axes))
+            tried.append(_common_effect(name, candidates, base, axes))
     tried.sort(key=lambda e: -e.evidence)
     latent = unknown.evidence - base.evidence
     most = max([latent, *(e.evidence for e in tried)])
@@ -116,8 +116,8 @@ def _judged(
         return _found("none", (), tried, base, (agreement(base, bases), likeliest))
     good = [e for e in tried if e.evidence > latent + criteria.BEATS_UNKNOWN and _may_be_named(e, selections)]
     if not good:
-        found = _found("unexplained", (), tried, unknown, (agreement(unknown, latents), likeliest))
-        return replace(found, split=_split(tried, selections, latent - found.agreement))
+        verdict = _found("unexplained", (), tried, unknown, (agreement(unknown, latents), likeliest))
+        return replace(verdict, split=_split(tried, selections, latent - verdict.agreement))
     near = tuple(e for e in good if e.evidence > good[0].evidence - criteria.ALIKE)
     single = len({e.name for e in near}) == 1
     first = near[0]
@@ -140,11 +140,11 @@ def _base(bases: list[HypothesisFit], axes: bool) -> Common:
 def _split(tried: list[CommonEffect], selections: list[Selection], latent: float) -> CommonEffect | None:
     """The likeliest effect that may be named in each record with a body of its own; latent: log evidence over the common free body of
     an unknown torque in each, with a body of its own."""
-    own = [
+    with_own_bodies = [
         e for e in tried
         if e.agreement < criteria.DISAGREE and e.evidence - e.agreement > latent and _may_be_named(e, selections)
     ]  # fmt: skip
-    return max(own, key=lambda e: e.evidence - e.agreement, default=None)
+    return max(with_own_bodies, key=lambda e: e.evidence - e.agreement, default=None)
 
 
 def _found(
@@ -165,10 +165,10 @@ def _in_each(key: tuple[str, bool], selections: list[Selection]) -> tuple[Candid
     """An effect in each record. One that a free body explains had none tried: an effect of the body acts there too, another one
     is idle. Nothing where no body comes near such a record with the effect.
     """
-    own = [next((c for c in s.tried if _key(c) == key), None) for s in selections]
-    known = next(c.best for c in own if c is not None)
+    candidates = [next((c for c in s.tried if _key(c) == key), None) for s in selections]
+    known = next(c.best for c in candidates if c is not None)
     with suppress(NotPossible):
-        return tuple(_candidate(c, s, known) for c, s in zip(own, selections, strict=True))
+        return tuple(_candidate(c, s, known) for c, s in zip(candidates, selections, strict=True))
     return ()
 
 
@@ -203,11 +203,11 @@ def _other_laws(
 ) -> dict[tuple[str, bool], tuple[Candidate, ...]]:
     """In each record, the other laws of a cause that some of them do not tell from the one that was tried: together they may."""
     out = {}
-    for own in tried.values():
-        for law in dict.fromkeys(name for c in own for name in c.alike):
+    for candidates in tried.values():
+        for law in dict.fromkeys(name for c in candidates for name in c.alike):
             with suppress(NotPossible):
                 known = [next((o for o in s.tried if o.name == law), None) for s in selections]
-                both = zip(known, own, selections, strict=True)
+                both = zip(known, candidates, selections, strict=True)
                 out[law, False] = tuple(_by_law(law, c, s) if k is None else k for k, c, s in both)
     return out
 

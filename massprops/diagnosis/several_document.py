@@ -131,13 +131,14 @@ def common_ratios(common: Common) -> tuple[list[float], list[float]]:
 
 def _entry(e: CommonEffect) -> dict[str, Any]:
     """What an effect scores, and the parameters of it that are the body's, None for those that the records do not show."""
-    sigmas = {of: {n: _spread(e, of, n, sd) for n, sd in own.items()} for of, own in e.common.sigma.items()}
+    sigmas = {of: {n: _spread(e, of, n, sd) for n, sd in by_name.items()} for of, by_name in e.common.sigma.items()}
     shown = {
-        effect: {n: v if abs(v) > criteria.SHOWN * sigmas[effect][n] else None for n, v in own.items()}
-        for effect, own in e.common.parameters.items()
+        effect: {n: v if abs(v) > criteria.SHOWN * sigmas[effect][n] else None for n, v in by_name.items()}
+        for effect, by_name in e.common.parameters.items()
     }
     sigma = {
-        effect: {n: None if v is None else sigmas[effect][n] for n, v in own.items()} for effect, own in shown.items()
+        effect: {n: None if v is None else sigmas[effect][n] for n, v in by_name.items()}
+        for effect, by_name in shown.items()
     }
     return {
         "name": e.name,
@@ -167,7 +168,7 @@ def _laws_told(e: CommonEffect, found: Together) -> list[str]:
 
 def _reason(found: Together, count: int) -> str:
     names = ", ".join(dict.fromkeys(e.name for e in found.named))
-    shared = any(own for e in found.named for own in e.common.parameters.values())
+    shared = any(parameters for e in found.named for parameters in e.common.parameters.values())
     split = ""
     if found.split is not None:
         differ = ", ".join(n.words for n in found.split.shared if n.differs) or "the inertia"

@@ -49,12 +49,12 @@ def searched(
         if step == 0:
             first[:] = mean
             square = _left(X, y, mean, across)
-        left, size, gone, taken = square, 0.0, 0.0, 0.0
+        residual_square, size, gone, taken = square, 0.0, 0.0, 0.0
         for i in range(k):
-            own = 0.0
+            gram_change = 0.0
             for j in range(k):
-                own += G[i, j] * (mean[j] - first[j])
-            left += (own - 2.0 * across[i]) * (mean[i] - first[i])
+                gram_change += G[i, j] * (mean[j] - first[j])
+            residual_square += (gram_change - 2.0 * across[i]) * (mean[i] - first[i])
             size += np.log(factor[i, i])
             gone += (mean[i] / at[i]) ** 2
             share = 0.0
@@ -62,11 +62,11 @@ def searched(
                 share += inverse[j, i] ** 2
             second[i] = mean[i] ** 2 + at[i] ** 2 * share
             taken += 1.0 - share
-        left = max(left, 0.0)
+        residual_square = max(residual_square, 0.0)
         evidence = -0.5 * gone - size - (r + believed) * np.log(noise)
-        evidence -= 0.5 * (left + believed) / noise**2 - 0.5 * believed
+        evidence -= 0.5 * (residual_square + believed) / noise**2 - 0.5 * believed
         _moved(second, block, moved)
-        moved[k] = np.sqrt((left + noise**2 * taken + believed) / (r + believed))
+        moved[k] = np.sqrt((residual_square + noise**2 * taken + believed) / (r + believed))
         if not np.isfinite(evidence + moved.sum()):
             return False, evidence, mean, at, moved, factor
         if step > 0 and abs(evidence - last) < enough:
@@ -124,12 +124,12 @@ def _left(X: np.ndarray, y: np.ndarray, mean: np.ndarray, across: np.ndarray) ->
     square = 0.0
     across[:] = 0.0
     for i in range(len(y)):
-        left = y[i]
+        residual = y[i]
         for j in range(len(mean)):
-            left -= X[i, j] * mean[j]
-        square += left * left
+            residual -= X[i, j] * mean[j]
+        square += residual * residual
         for j in range(len(mean)):
-            across[j] += X[i, j] * left
+            across[j] += X[i, j] * residual
     return square
 
 
@@ -159,11 +159,11 @@ def sparse_moved(
     """
     gained, total, a = 0.0, 0.0, 0.5 * degrees
     for i in range(len(sd)):
-        own = fixed[i] if i < len(fixed) else scale
-        b = a * own**2
+        scale_of_unknown = fixed[i] if i < len(fixed) else scale
+        b = a * scale_of_unknown**2
         gained += np.log(sd[i]) + 0.5 * second[i] / sd[i] ** 2
         gained += a * np.log(b) - lgamma(a) - (a + 0.5) * np.log(b + 0.5 * second[i]) + lgamma(a + 0.5)
-        precision = (degrees + 1.0) / (degrees * own**2 + second[i])
+        precision = (degrees + 1.0) / (degrees * scale_of_unknown**2 + second[i])
         sd[i] = 1.0 / np.sqrt(precision)
         total += precision if i >= len(fixed) else 0.0
     return gained, 1.0 / np.sqrt(total / (len(sd) - len(fixed)))

@@ -21,11 +21,11 @@ def turned(
     for a in range(3):  # not all at once, which takes numba two seconds more to compile
         for c in range(k):
             out[0, a, c] = first[a, c]
-    added, ahead, left, step = np.empty((3, k)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    added, ahead, inverse, step = np.empty((3, k)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     for i in range(n - 1):
         half = 0.5 * (t[i + 1] - t[i])
         _one_plus(-half, answer[i + 1], steps[i], ahead)
-        _inverse(ahead, left)
+        _inverse(ahead, inverse)
         _one_plus(half, answer[i], steps[i], step)
         for a in range(3):
             for c in range(k):
@@ -35,7 +35,9 @@ def turned(
                 )  # fmt: skip
         for a in range(3):
             for c in range(k):
-                out[i + 1, a, c] = left[a, 0] * added[0, c] + left[a, 1] * added[1, c] + left[a, 2] * added[2, c]
+                out[i + 1, a, c] = (
+                    inverse[a, 0] * added[0, c] + inverse[a, 1] * added[1, c] + inverse[a, 2] * added[2, c]
+                )
     return out
 
 

@@ -66,16 +66,18 @@ def with_open_moment(fit: HypothesisFit) -> HypothesisFit:
         return fit
     down, up = _side(fit, here, -1.0), _side(fit, here, 1.0)
     added = np.array([*down.added[::-1], 0.0, *up.added])
-    found = [*down.found[::-1], here, *up.found]
-    if len(found) < 2:
+    linearisations = [*down.found[::-1], here, *up.found]
+    if len(linearisations) < 2:
         return fit
-    density = np.array([f.density for f in found])
+    density = np.array([f.density for f in linearisations])
     weight = np.gradient(added) * np.exp(density - density.max())
     weight /= weight.sum()
-    spread = sum(w * (f.history_sd**2 + (f.history - fit.history) ** 2) for w, f in zip(weight, found, strict=True))
+    spread = sum(
+        w * (f.history_sd**2 + (f.history - fit.history) ** 2) for w, f in zip(weight, linearisations, strict=True)
+    )
     covariance = {
-        name: np.sum([w * (f.covariance[name] + _square(f.values[name] - own)) for w, f in zip(weight, found, strict=True)], axis=0)
-        for name, own in fit.values.items()
+        name: np.sum([w * (f.covariance[name] + _square(f.values[name] - value)) for w, f in zip(weight, linearisations, strict=True)], axis=0)
+        for name, value in fit.values.items()
     }  # fmt: skip
     return replace(fit, history_sd=np.sqrt(spread), covariance=covariance)
 
@@ -91,13 +93,13 @@ def _side(fit: HypothesisFit, here: Linearised, sign: float) -> _Side:
         at += sign * step
         step = min(GROWS * step, WIDEST)
         try:
-            own = along_wheel_axis(fit, at)
+            linearised = along_wheel_axis(fit, at)
         except NotPossible:
             break
         out.added.append(at)
-        out.found.append(own)
-        highest = max(highest, own.density)
-        if own.density < highest - FALL:
+        out.found.append(linearised)
+        highest = max(highest, linearised.density)
+        if linearised.density < highest - FALL:
             break
     return out
 
@@ -109,7 +111,7 @@ def along_wheel_axis(fit: HypothesisFit, added: float) -> Linearised:
     Raises:
         NotPossible: no body has that moment, or none comes near the record with it.
     """
-    axis, history, own = fit.axis, fit.history, fit.hypothesis
+    axis, history, hypothesis = fit.axis, fit.history, fit.hypothesis
     assert axis is not None and history is not None
 
     def with_more(more: float) -> np.ndarray:
@@ -126,7 +128,7 @@ def along_wheel_axis(fit: HypothesisFit, added: float) -> Linearised:
         start=np.mean(np.einsum("nij,nj->ni", fit.record.path.R, carried), axis=0),
     )  # fmt: skip
     try:
-        post = solved_about(fit.record, own, guess).posterior
+        post = solved_about(fit.record, hypothesis, guess).posterior
     except (np.linalg.LinAlgError, FloatingPointError):
         raise NotPossible("no body comes near the record with that moment about the wheel's axis") from None
     slope = (shape_of(with_more(added + SMALL_MOMENT)) - shape) / SMALL_MOMENT
@@ -136,9 +138,9 @@ def along_wheel_axis(fit: HypothesisFit, added: float) -> Linearised:
     mean = post.whole - across_all * (off / variance)
     joint = post.joint - np.outer(across_all, across_all) / variance
     places = post.places
-    shapes, wheel = wheel_shapes(fit.record, own.lag), places["wheel"]
+    shapes, wheel = wheel_shapes(fit.record, hypothesis.lag), places["wheel"]
     spread = np.sum((shapes @ joint[wheel, wheel]) * shapes, axis=1)
-    told = {t.name: t.values(mean[places[t.name]], joint[places[t.name], places[t.name]]) for t in own.terms}
+    told = {t.name: t.values(mean[places[t.name]], joint[places[t.name], places[t.name]]) for t in hypothesis.terms}
     return Linearised(
         density=float(post.evidence - 0.5 * (off**2 / variance + np.log(2.0 * np.pi * variance))),
         moment_sd=float(np.sqrt(variance)), history=shapes @ mean[wheel], history_sd=np.sqrt(np.maximum(spread, 0.0)),

@@ -139,8 +139,10 @@ class _Problem:
 
     def log_prior(self, at: _Motion) -> float:
         """Log density of the effects' values beyond that of `sd` (`momentum_log_prior`)."""
-        own = [(a.term.effect.momentum_log_prior, a) for a in at.active if hasattr(a.term.effect, "momentum_log_prior")]
-        return float(sum(f(a.values[0][: len(a.term.unknowns)]) for f, a in own))
+        priors = [
+            (a.term.effect.momentum_log_prior, a) for a in at.active if hasattr(a.term.effect, "momentum_log_prior")
+        ]
+        return float(sum(f(a.values[0][: len(a.term.unknowns)]) for f, a in priors))
 
     def open(self, at: _Motion) -> np.ndarray:
         """(all,) precision of laws that are only about the present values (`MOMENTUM_OPEN`)."""
@@ -152,19 +154,21 @@ class _Problem:
 
     def prior_residuals(self, at: _Motion) -> np.ndarray:
         """(all,) what the prior is about over its 1-sigma, zero of what is free: an effect's values, not its unknowns."""
-        own = [a.x + a.here for a in at.active]
-        return np.concatenate([np.zeros(START), at.shape, *own]) / self.sd(at)
+        effect_values = [a.x + a.here for a in at.active]
+        return np.concatenate([np.zeros(START), at.shape, *effect_values]) / self.sd(at)
 
     def parameters(self, at: _Motion) -> tuple[np.ndarray, np.ndarray]:
         """The effects' parameters (p,) in one vector, and their derivatives (p, k) by the unknowns."""
         flat: list[float] = []
         slopes = np.zeros((self.places[-1].stop, sum(len(a.x) for a in at.active)))
-        for a, own, place in zip(at.active, at.places, self.places, strict=True):
+        for a, of_unknowns, place in zip(at.active, at.places, self.places, strict=True):
             names, (values, by) = [q.name for q in a.term.effect.PARAMETERS], a.values
             held = dict(a.term.held) | {"span": self.span} | dict(zip(a.names, values, strict=True))
             flat += [float(held.get(n, 0.0)) for n in names]
             first = START + INERTIA
-            slopes[[place.start + names.index(n) for n in a.names], own.start - first : own.stop - first] = by
+            slopes[
+                [place.start + names.index(n) for n in a.names], of_unknowns.start - first : of_unknowns.stop - first
+            ] = by
         return np.array(flat), slopes
 
     def motion(self, at: _Motion, times: np.ndarray) -> Trajectory:
@@ -184,8 +188,10 @@ class _Problem:
         turn, _ = sensitivities(
             self.times, motion, at.q, at.w, inertia_of(at.shape), inertia_jacobian(at.shape), self.active, p, self.environment
         )  # fmt: skip
-        own, first = turn * self.over[:, None, None], START + INERTIA
-        return np.concatenate([own[:, :, :first], own[:, :, first:] @ by], axis=2).reshape(-1, first + by.shape[1])
+        over_noise, first = turn * self.over[:, None, None], START + INERTIA
+        return np.concatenate([over_noise[:, :, :first], over_noise[:, :, first:] @ by], axis=2).reshape(
+            -1, first + by.shape[1]
+        )
 
 
 @dataclass(frozen=True)
@@ -368,9 +374,9 @@ def _told(
         joint, off = point.covariance(held), point.at.shape - told.shape
         inertia = slice(START, START + INERTIA)
         base[:INERTIA, :INERTIA] += weight * (joint[inertia, inertia] + np.outer(off, off))
-        for a, first, own, k in zip(point.at.active, told.active, spread, point.at.places, strict=True):
+        for a, first, effect_covariance, k in zip(point.at.active, told.active, spread, point.at.places, strict=True):
             by, off = a.values[1], a.values[0] - first.values[0]
-            own += weight * (by @ joint[k, k] @ by.T + np.outer(off, off))
+            effect_covariance += weight * (by @ joint[k, k] @ by.T + np.outer(off, off))
     counts = {a.term.name: len(a.term.unknowns) for a in told.active}
     post = fit.posterior
     sd = {a.term.name: dict(zip(a.paces, np.sqrt(np.diag(c))[counts[a.term.name] :].tolist(), strict=True))

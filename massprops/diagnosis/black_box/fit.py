@@ -70,8 +70,8 @@ class _Residuals:
 
         def add(values: np.ndarray, there: np.ndarray) -> None:
             parts.append(values[there].ravel())
-            own = np.arange(len(p.times)).reshape(-1, *[1] * (values.ndim - 1))
-            epochs.append(np.broadcast_to(own, values.shape)[there].ravel())
+            epoch_numbers = np.arange(len(p.times)).reshape(-1, *[1] * (values.ndim - 1))
+            epochs.append(np.broadcast_to(epoch_numbers, values.shape)[there].ravel())
 
         if "attitude" in given and p.has_attitude:
             turn = rotation_vector(multiply(conjugate(normalise(given["attitude"])), p.attitude))
@@ -183,9 +183,9 @@ def _least(rows: _Residuals, x: np.ndarray, most: int) -> tuple[np.ndarray, np.n
         after = rows(trial)
         return (np.inf, at) if after is None else (float(after @ after), (trial, after))
 
-    for found in descend((x, r), linearise, step, most, Damping(most=MOST_DAMPING)):
-        x, r = found.place
-        if found.fall < SETTLED * (found.cost + found.fall):
+    for descent in descend((x, r), linearise, step, most, Damping(most=MOST_DAMPING)):
+        x, r = descent.place
+        if descent.fall < SETTLED * (descent.cost + descent.fall):
             break
     return x, r, J
 

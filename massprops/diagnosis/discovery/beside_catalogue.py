@@ -42,5 +42,5 @@ def _against(law: Law, fits: list[HypothesisFit], tried: int) -> Against | None:
     if not fits:
         return None
     best = max(fits, key=paid)
-    own = Candidate(alone=law.alone, with_latent=law.with_latent).evidence - law.price
-    return Against(names=best.names, ahead=float(own - (paid(best) - np.log(max(tried, 1)))))
+    law_evidence = Candidate(alone=law.alone, with_latent=law.with_latent).evidence - law.price
+    return Against(names=best.names, ahead=float(law_evidence - (paid(best) - np.log(max(tried, 1)))))

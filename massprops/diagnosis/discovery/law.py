@@ -122,10 +122,10 @@ def discover(record: Record, base: HypothesisFit, unknown: HypothesisFit) -> Law
         columns = models[0].columns
         if not columns:
             return None
-        found = tuple(terms[c] for c in columns)
-        used = sorted({term.moment for term in found if term.moment is not None})
+        law_terms = tuple(terms[c] for c in columns)
+        used = sorted({term.moment for term in law_terms if term.moment is not None})
         if not last and (used or at is unknown):  # a fit, to look again along the path that it finds
-            at = _fitted(record, effect_of(source_of(found, [1e-4] * len(found))), unknown)
+            at = _fitted(record, effect_of(source_of(law_terms, [1e-4] * len(law_terms))), unknown)
             near = [float(s + grid * d) for s in used for d in np.linspace(-1.0, 1.0, NEAR)]
             steps, grid = tuple(sorted({*steps, *near})), 0.5 * grid
             continue

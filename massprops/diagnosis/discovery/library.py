@@ -200,8 +200,8 @@ def readable(expression: str) -> str:
 
 def letters_of(expressions: tuple[str, ...]) -> set[str]:
     """First letters of the names in expressions that `PRELUDE` makes."""
-    found = set(re.findall(r"\b([wsbnXYZ])_[xyz]\b", " ".join(expressions)))
-    return found
+    letters = set(re.findall(r"\b([wsbnXYZ])_[xyz]\b", " ".join(expressions)))
+    return letters
 
 
 def columns_of(
@@ -237,17 +237,17 @@ def told_apart(groups: list[Group], torques: np.ndarray) -> tuple[list[Group], n
     kept: dict[bytes, tuple[Group, np.ndarray]] = {}
     at = 0
     for group in groups:
-        own = torques[:, :, at : at + len(group.terms)]
+        group_torques = torques[:, :, at : at + len(group.terms)]
         at += len(group.terms)
-        if not own.any():
+        if not group_torques.any():
             continue
-        sign = np.sign(own.flat[np.flatnonzero(own)[0]])
-        key = (sign * own + 0.0).tobytes()
+        sign = np.sign(group_torques.flat[np.flatnonzero(group_torques)[0]])
+        key = (sign * group_torques + 0.0).tobytes()
         if key not in kept:
-            kept[key] = group, own
+            kept[key] = group, group_torques
             continue
         first, there = kept[key]
-        minus = "" if np.array_equal(own, there) else "-"
+        minus = "" if np.array_equal(group_torques, there) else "-"
         both = zip(first.terms, (minus + t.label for t in group.terms), strict=True)
         terms = tuple(t if o in (t.label, *t.same) else replace(t, same=(*t.same, o)) for t, o in both)
         kept[key] = replace(first, terms=terms), there
@@ -260,17 +260,17 @@ def own_frequencies(times: np.ndarray, rate: np.ndarray) -> tuple[float, ...]:
     trial = 2 * np.pi / span * np.arange(1.0, min(len(times) / 2, 200.0), 0.25)
     x = rate - rate.mean(axis=0)
     x = x * np.hanning(len(times))[:, None]
-    found: list[float] = []
+    strongest: list[float] = []
     for _ in range(2):
         wave = np.exp(-1j * trial[:, None] * times)
         power = np.sum(np.abs(wave @ x) ** 2, axis=1)
-        for f in found:
+        for f in strongest:
             power[np.abs(trial - f) < 4 * np.pi / span * 2] = 0.0
         if not power.max() > 0:
             break
-        found.append(float(trial[np.argmax(power)]))
+        strongest.append(float(trial[np.argmax(power)]))
     speed = float(np.median(np.linalg.norm(rate, axis=1)))
-    every = [h * f for f in (*found, speed) for h in HARMONICS]
+    every = [h * f for f in (*strongest, speed) for h in HARMONICS]
     apart: list[float] = []
     for f in sorted(every):
         if f * span > np.pi and all(abs(f - g) * span > 1.0 for g in apart):

@@ -99,16 +99,16 @@ class _Reduced:
 
     def score(self, columns: tuple[int, ...]) -> tuple[float, np.ndarray]:
         """Log evidence of a model, and its coefficients."""
-        left, x = float(self.G[-1, -1]), np.zeros(0)
+        residual_square, x = float(self.G[-1, -1]), np.zeros(0)
         if columns:
-            own = np.array(columns)
-            M, b = self.G[np.ix_(own, own)], self.G[own, -1]
+            chosen = np.array(columns)
+            M, b = self.G[np.ix_(chosen, chosen)], self.G[chosen, -1]
             scale = np.sqrt(np.maximum(np.diag(M), 1e-300))
-            U = M / scale[:, None] / scale + 1e-9 * np.eye(len(own))
+            U = M / scale[:, None] / scale + 1e-9 * np.eye(len(chosen))
             x = np.linalg.solve(U, b / scale) / scale
-            left -= float(b @ x)
+            residual_square -= float(b @ x)
         count = self.n + self.noise_rows
-        fit = -0.5 * count * np.log((max(left, 0.0) + self.noise_rows) / count)
+        fit = -0.5 * count * np.log((max(residual_square, 0.0) + self.noise_rows) / count)
         return float(fit - 0.5 * len(columns) * np.log(self.n)), x
 
 

@@ -46,8 +46,8 @@ def with_mass(case: Case, s: FittedModel, usable: list[ModuleType]) -> FittedMod
     if not free or case.inertia_prior.inertia is None or not contradicts(case, s):
         return None
     added = (*s.added, Added(free[0]))
-    found = refit(case, with_effects(replace(s.fit.state, inertia=case.inertia_prior.inertia), added, {}), added)
-    return found if s.bic - found.bic > EVIDENCE and not found.implausible else None
+    freed = refit(case, with_effects(replace(s.fit.state, inertia=case.inertia_prior.inertia), added, {}), added)
+    return freed if s.bic - freed.bic > EVIDENCE and not freed.implausible else None
 
 
 def density_with_each(

@@ -34,5 +34,5 @@ def otherwise(case: Case, base: FittedModel) -> FittedModel:
     begun = [in_axes(base.fit.state, axes @ np.array(turn, float) @ axes.T) for turn in OTHERWISE]
     tried = [refit(case, replace(state, inertia=case.inertia_prior.inertia), (), most=FIRST) for state in begun]
     good = min(tried, key=lambda s: s.bic)
-    found = refit(case, good.fit.state, (), most=40, against=base.fit.cost)
-    return found if found.bic < base.bic else base
+    refitted = refit(case, good.fit.state, (), most=40, against=base.fit.cost)
+    return refitted if refitted.bic < base.bic else base

@@ -66,9 +66,9 @@ def body_picture(
             parts += [dot(x0 + scale * p[right], y0 - scale * p[up], 1, 'fill="#8885"') for p in skin]
             for k in sorted(shown, key=lambda k: points[k, toward]):
                 near = 0.5 + 0.5 * points[k, toward] / reach
-                said = f"feature {numbers[k]}: rms {number(rms[k], 3)} σ, z {number(z[k], 3)}"
+                label = f"feature {numbers[k]}: rms {number(rms[k], 3)} σ, z {number(z[k], 3)}"
                 x, y, colour = x0 + scale * points[k, right], y0 - scale * points[k, up], colour_of(rms[k], worst)
-                parts.append(dot(x, y, 4 + 3 * near, f'fill="{colour}"', said))
+                parts.append(dot(x, y, 4 + 3 * near, f'fill="{colour}"', label))
     return (
         f"<p>Features on the body, seen along its axes (larger is nearer). Green: at the noise. Red: {number(worst, 3)} "
         "times the noise.</p>"

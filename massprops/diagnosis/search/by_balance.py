@@ -53,13 +53,13 @@ def fits_by_balance(case: Case, usable: list[ModuleType], watch: Watch, against:
     selected = _selected(case, watch)
     if selected is None:
         return ByBalance()
-    found: list[FittedModel] = []
+    fitted_models: list[FittedModel] = []
     for k, (added, start) in enumerate(_begun(case, selected, usable)):
         watch(f"from the balance of momentum: {' + '.join(a.name for a in added)}", k, FITTED)
-        least = near(min([against, *(s.fit.cost for s in found)]))
-        found.append(_with_its_mass(case, refit(case, start, added, against=least), usable))
+        least = near(min([against, *(s.fit.cost for s in fitted_models)]))
+        fitted_models.append(_with_its_mass(case, refit(case, start, added, against=least), usable))
     return ByBalance(
-        fits=tuple(sorted(found, key=lambda s: s.bic)),
+        fits=tuple(sorted(fitted_models, key=lambda s: s.bic)),
         forced=not within_noise(selected.base),
         named=bool(selected.named),
     )

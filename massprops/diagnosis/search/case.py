@@ -156,8 +156,8 @@ def without_features(case: Case, wrong: np.ndarray) -> Case:
     first = replace(case.first, observed=case.first.observed & ~wrong[None, None, :])
     fitted, held, scored = _split(case.problem, first)
     names = ", ".join(str(k) for k in case.problem.features[wrong])
-    said = f"features {names} do not move with the body and are left out"
-    return replace(case, first=first, fitted=fitted, held=held, scored=scored, warnings=(*case.warnings, said))
+    warning = f"features {names} do not move with the body and are left out"
+    return replace(case, first=first, fitted=fitted, held=held, scored=scored, warnings=(*case.warnings, warning))
 
 
 def _there(problem: Problem, environment: EnvironmentModel, first: BatchStart) -> set[str]:

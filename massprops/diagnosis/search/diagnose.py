@@ -78,10 +78,10 @@ def diagnose(
     if out is not None:  # before the work is done
         Outputs(Path(out)).check("diagnose", NAMES, given, force)
     with in_place(effects_beside(sequence)):
-        found = _found(sequence, progress, discover, simulator)
+        diagnosis = _found(sequence, progress, discover, simulator)
         if out is not None:
-            write_found(Path(out), found, given, force)
-    return found
+            write_found(Path(out), diagnosis, given, force)
+    return diagnosis
 
 
 def _found(sequence: Sequence, progress: Watch, discover: bool, simulator: str | None) -> Diagnosis | BalanceDiagnosis:
@@ -101,16 +101,18 @@ def _found(sequence: Sequence, progress: Watch, discover: bool, simulator: str |
     check_sensors(sequence)
     run = None if sequence.folder is None else sequence.folder.parent
     problem = with_track_noise(sequence, problem_of(sequence))
-    found = diagnose_problem(problem, progress, run is None or not (run / "run.yaml").is_file())
-    if run is not None and found.case.first.body_frame == "attitude0":
+    diagnosis = diagnose_problem(problem, progress, run is None or not (run / "run.yaml").is_file())
+    if run is not None and diagnosis.case.first.body_frame == "attitude0":
         mesh = mesh_of_run(run)
-        found = replace(found, surface=None if mesh is None else mesh[0])
+        diagnosis = replace(diagnosis, surface=None if mesh is None else mesh[0])
     if simulator is not None:
-        found.document["simulator"] = _black_box(sequence, simulator, progress)
+        diagnosis.document["simulator"] = _black_box(sequence, simulator, progress)
     if discover:
-        names = [e["name"] for e in found.document["effects"]]
-        found = replace(found, law=_law(sequence, found.document, names[0] if len(names) == 1 else None, progress))
-    return found
+        names = [e["name"] for e in diagnosis.document["effects"]]
+        diagnosis = replace(
+            diagnosis, law=_law(sequence, diagnosis.document, names[0] if len(names) == 1 else None, progress)
+        )
+    return diagnosis
 
 
 def _black_box(sequence: Sequence, text: str, progress: Watch) -> dict[str, Any]:
@@ -235,42 +237,42 @@ def _on_some_path(case: Case, base: FittedModel, progress: Watch) -> tuple[Case,
 
     if not case.environment.falls or not len(case.fitted.uv) or (explained(base) and not base.held > PATH_PREDICTS):
         return case, _selected(case, base, progress)
-    said = (
+    warning = (
         "the target moves straight and not as in free fall beside the chaser, so a straight path is used; check the orbit in "
         "environment.yaml"
     )
     other = replace(
         case,
         environment=EnvironmentModel(case.problem.environment, falls=False, compiled=True),
-        warnings=(*case.warnings, said),
+        warnings=(*case.warnings, warning),
     )
     other_base = refit(other, base.fit.state, (), most=40)
     much = case.fitted.count
     if other_base.bic < base.bic - OTHER_PATH * much or explained(other_base):
         (case, base), (other, other_base) = (other, other_base), (case, base)
-    found = _selected_unless(other, case, base, progress)
-    if found is None:
+    selection = _selected_unless(other, case, base, progress)
+    if selection is None:
         (case, base), (other, other_base) = (other, other_base), (case, base)
-        found = _selected(case, base, progress)
-    best = found.best or base
+        selection = _selected(case, base, progress)
+    best = selection.best or base
     begun = replace(best.fit.state, points=other_base.fit.state.points)
     # an effect that stood for the wrong path is idle on the right one
     same = lean(other, refit(other, begun, best.added, against=best.fit.cost))
     if explained(best) and not best.held > PATH_PREDICTS:
         if explained(same) and same.bic < best.bic - EVIDENCE:
-            return other, replace(found, base=other_base, best=same)
-        return case, found
-    left, there = best.fitted**2 - 1.0, same.fitted**2 - 1.0
-    if there > (1.0 - BETTER_PATH) * left:
-        return case, found
+            return other, replace(selection, base=other_base, best=same)
+        return case, selection
+    remaining_square, there = best.fitted**2 - 1.0, same.fitted**2 - 1.0
+    if there > (1.0 - BETTER_PATH) * remaining_square:
+        return case, selection
     again = _selected(other, other_base, progress)
-    return (other, again) if (again.best or other_base).bic < best.bic else (case, found)
+    return (other, again) if (again.best or other_base).bic < best.bic else (case, selection)
 
 
 def _selected(case: Case, base: FittedModel, progress: Watch) -> Selection:
-    found = _selected_unless(None, case, base, progress)
-    assert found is not None
-    return found
+    selection = _selected_unless(None, case, base, progress)
+    assert selection is not None
+    return selection
 
 
 def _selected_unless(other: Case | None, case: Case, base: FittedModel, progress: Watch) -> Selection | None:
@@ -419,8 +421,8 @@ def _entry(model: FittedModel, s: Selection, without: FittedModel | None = None)
     sigma: dict[str, float | None] = {}
     for a in model.added:
         names = [q.name if len(model.added) == 1 else f"{a.name}.{q.name}" for q in a.effect.PARAMETERS]
-        own = _shown(names, model.fit.state.model.value(a.name), model.sigma[a.name])
-        parameters, sigma = parameters | own[0], sigma | own[1]
+        shown = _shown(names, model.fit.state.model.value(a.name), model.sigma[a.name])
+        parameters, sigma = parameters | shown[0], sigma | shown[1]
     return {
         "name": " + ".join(model.names),
         "parameters": parameters,
@@ -450,8 +452,8 @@ def _reason(case: Case, s: Selection) -> str:
             f"{0.5 * (base.bic - best.bic):+.0f} with the best effect. Check the camera's mount and the tracks"
         )
     held = f", and {best.held:.2f} on data held out" if np.isfinite(best.held) else ""
-    left = "" if best is base else f"; the best of them, {' + '.join(best.names)}, leaves {best.fitted:.2f}{held}"
-    return f"residuals of {base.fitted:.2f} times the noise have structure that no effect of the catalogue accounts for{left}"
+    of_best = "" if best is base else f"; the best of them, {' + '.join(best.names)}, leaves {best.fitted:.2f}{held}"
+    return f"residuals of {base.fitted:.2f} times the noise have structure that no effect of the catalogue accounts for{of_best}"
 
 
 def _separates(case: Case, names: list[str]) -> str:

@@ -59,10 +59,10 @@ def best_event_time(case: Case, s: FittedModel, far: bool = True) -> FittedModel
             there = with_value(s.fit.state, added.effect, place, moment)
             least = near(s.fit.cost)
             still = refit(case, there, s.added, MOST_ITERATIONS, least, hold="time")
-            found = refit(case, still.fit.state, s.added, MOST_ITERATIONS, least)
-            if not found.bic < s.bic - _decides(s):
+            moved = refit(case, still.fit.state, s.added, MOST_ITERATIONS, least)
+            if not moved.bic < s.bic - _decides(s):
                 break
-            s = found
+            s = moved
     return s
 
 

@@ -35,20 +35,20 @@ def hidden_mass(assumed: np.ndarray, found: np.ndarray) -> dict[str, Any]:
         leaves less, or `either`; `unknown`: what ratios and axes cannot tell.
     """
     S = second_moment(assumed)
-    p, left = _rank_one(S, found, 1.0)
+    p, mass_left = _rank_one(S, found, 1.0)
     c, gradient_left = _rank_one(S, found, -1.0)
-    better = "point mass" if left < gradient_left else "density gradient"
+    better = "point mass" if mass_left < gradient_left else "density gradient"
     return {
         "direction": _unit(p),
         "second_moment": float(p @ p),
-        "left": left,
+        "left": mass_left,
         "gradient": {
             "direction": _unit(np.linalg.solve(S + 1e-9 * np.eye(3), c)),
             "shift_direction": _unit(c),
             "second_moment": float(c @ c),
             "left": gradient_left,
         },
-        "better": "either" if abs(left - gradient_left) < ALIKE else better,
+        "better": "either" if abs(mass_left - gradient_left) < ALIKE else better,
         "unknown": UNKNOWN,
     }
 

@@ -50,15 +50,17 @@ def latent_shift(case: Case, s: FittedModel) -> Shift | None:
     blocks = [Block(name="model", columns=base / np.sqrt(np.mean(base**2, axis=0)), sd=WIDE)]
     y = linear.value * over
     without = solve(blocks, y, OWN_ROWS).evidence
-    found = []
+    shifts = []
     for length in LENGTHS:
         pixels = np.concatenate([_shapes(case, int(k), length) for k in np.unique(m.seen.camera)], axis=1)
         rows_of = np.zeros((len(y), pixels.shape[1]))
         rows_of[: len(pixels)] = pixels / np.repeat(m.sigma, 2)[:, None]
-        own = solve([*blocks, Block(name="shift", columns=rows_of * over[:, None], sd=1.0, kind="common")], y, OWN_ROWS)
-        size = float(np.sqrt(2.0 * np.mean((pixels @ own.mean["shift"]) ** 2)))
-        found.append(Shift(own.evidence - without, size))
-    return max(found, key=lambda f: f.gain)
+        solution = solve(
+            [*blocks, Block(name="shift", columns=rows_of * over[:, None], sd=1.0, kind="common")], y, OWN_ROWS
+        )
+        size = float(np.sqrt(2.0 * np.mean((pixels @ solution.mean["shift"]) ** 2)))
+        shifts.append(Shift(solution.evidence - without, size))
+    return max(shifts, key=lambda f: f.gain)
 
 
 def _shapes(case: Case, camera: int, length: float) -> np.ndarray:

@@ -22,12 +22,12 @@ def with_track_noise(sequence: Sequence, problem: Problem) -> Problem:
     sigma, warnings = problem.sigma_px.copy(), list(problem.warnings)
     for k in (k for k in sorted(sequence.cameras) if no_sigma_px(k) in warnings):
         place = min(k, len(sigma) - 1)
-        found = track_noise(problem.uv[:, place])
-        if found is None:
+        noise_px = track_noise(problem.uv[:, place])
+        if noise_px is None:
             continue
-        sigma[place] = found
+        sigma[place] = noise_px
         warnings = [w for w in warnings if w != no_sigma_px(k)]
-        warnings.append(f"cam{k} states no sigma_px: {found:.3g} px is estimated from the tracks")
+        warnings.append(f"cam{k} states no sigma_px: {noise_px:.3g} px is estimated from the tracks")
     return replace(problem, sigma_px=sigma, warnings=tuple(warnings))
 
 

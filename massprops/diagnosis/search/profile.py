@@ -34,7 +34,7 @@ def profiled(case: Case, s: FittedModel) -> FittedModel:
             factor = float(np.exp(np.clip(spread / pace, SHORTEST, LONGEST)))
             for way in (factor, 1.0 / factor):
                 away = _until_worse(case, s, a.effect, place, way)
-                sigma = {name: np.maximum(own, away[name]) for name, own in sigma.items()}
+                sigma = {name: np.maximum(sigma_before, away[name]) for name, sigma_before in sigma.items()}
     return replace(s, sigma=sigma)
 
 

@@ -110,9 +110,9 @@ def free_of(case: Case, state: BatchState, added: tuple[Added, ...], hold: str =
     by_name = {a.name: a for a in added}
     mask = list(case.first.free)
     for module in state.model.modules:
-        found = by_name[module.NAME].given is None
+        not_given = by_name[module.NAME].given is None
         each = zip(module.PARAMETERS, searched(module, by_name[module.NAME].form), strict=True)
-        mask += [found and yes and q.kind != hold for q, yes in each]
+        mask += [not_given and yes and q.kind != hold for q, yes in each]
     return np.array(mask)
 
 
@@ -135,8 +135,8 @@ def refit(
     with np.errstate(all="ignore"):
         # wild trial steps overflow; the search turns back from them by itself
         search = Search(most, idle=idle, against=against)
-        found = fit(case.problem, case.fitted, start, case.environment, free, case.inertia_prior, search)
-    return fitted_model(case, found, added)
+        fitted = fit(case.problem, case.fitted, start, case.environment, free, case.inertia_prior, search)
+    return fitted_model(case, fitted, added)
 
 
 def fitted_model(case: Case, found: Fit, added: tuple[Added, ...]) -> FittedModel:

@@ -72,11 +72,11 @@ def _gap(d: Diagnosis) -> str:
     problem = d.case.problem
     predicted = (residuals(problem, d.case.held, s.fit.predicted) for s in (base, best))
     plots = []
-    for what, found in (
+    for what, lines_by_channel in (
         ("", _over_time(problem.times, d.case.fitted, base.fit.residuals, best.fit.residuals)),
         (" held out", _over_time(problem.times, d.case.held, *predicted)),
     ):
-        plots += [f"<div>{over_time(lines, channel + what)}</div>" for channel, lines in found]
+        plots += [f"<div>{over_time(lines, channel + what)}</div>" for channel, lines in lines_by_channel]
     parts.append(f'<div class="two">{"".join(plots)}</div>')
     return "".join(parts)
 

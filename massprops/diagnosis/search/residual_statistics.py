@@ -74,7 +74,7 @@ def whiteness(r: Residuals, m: Measurements, rate_memory: int = 1) -> float:
         size = max(float(np.median(np.abs(values))) / 0.6745, 1e-12)
         x = np.clip(values / size, -4, 4)
         # each pair used once: neighbours that share a residual are not independent of each other
-        own = (x[1:] * x[:-1])[together]
-        products += float(own.sum())
-        scale += float((own**2).sum())
+        pair_products = (x[1:] * x[:-1])[together]
+        products += float(pair_products.sum())
+        scale += float((pair_products**2).sum())
     return products / np.sqrt(scale) if scale else 0.0

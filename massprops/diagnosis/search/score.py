@@ -45,9 +45,9 @@ def score_tests(
     """
     with np.errstate(all="ignore"):
         at = predict(case.problem, upon.fit.state, case.environment)
-        left = residuals(case.problem, case.scored, at)
-        weights = robust(left, case.scored)[0]
-        cost = float(np.sum(weights * left.squares))
+        residual = residuals(case.problem, case.scored, at)
+        weights = robust(residual, case.scored)[0]
+        cost = float(np.sum(weights * residual.squares))
         groups: list[list[int]] = [[]]
         for i, (added, values) in enumerate(candidates):
             if not _idle(added, values):
@@ -114,8 +114,8 @@ def _scored_together(
     for k, (added, values) in enumerate(candidates):
         gain, step = _solved(reduced.H, reduced.full, b, (owner == -1) | (owner == k))
         moved = np.array(values, float)
-        own = [q for q, yes in zip(range(len(values)), _free_of(entries, k), strict=True) if yes]
-        moved[own] += step[owner[(owner == -1) | (owner == k)] == k]
+        free_values = [q for q, yes in zip(range(len(values)), _free_of(entries, k), strict=True) if yes]
+        moved[free_values] += step[owner[(owner == -1) | (owner == k)] == k]
         gain = (gain - base - worse) * share
         good = np.isfinite(gain) and np.isfinite(moved).all()
         out.append(ScoreTest(added, float(gain) if good else 0.0, np.array(values, float), moved if good else values))

@@ -97,24 +97,26 @@ class _Course:
 
     def lengthen(self, modules: list[ModuleType]) -> None:
         """Longer forms of some effects, until one explains the data."""
-        found: list[FittedModel] = []
+        longer_forms: list[FittedModel] = []
         for module in modules:
-            found += _longer_forms(self.case, self.base, module, self.first, self.watch)
-            if any(explained(s) and acceptable(s, self.base) for s in found):
+            longer_forms += _longer_forms(self.case, self.base, module, self.first, self.watch)
+            if any(explained(s) and acceptable(s, self.base) for s in longer_forms):
                 break
-        self.longer.extend(found)
-        self.out.tried.extend(found)
-        self.join(found)
+        self.longer.extend(longer_forms)
+        self.out.tried.extend(longer_forms)
+        self.join(longer_forms)
 
     def balance(self) -> ByBalance:
         """Effects, and pairs of them, as the balance of momentum finds them in the attitudes."""
         cost = min(s.fit.cost for s in [self.base, *self.first])
         by_balance = fits_by_balance(self.case, _of_the_motion(self.case), self.watch, cost)
-        found = list(by_balance.fits)
-        self.out.tried += found
-        self.longer += [s for s in found if len(s.added) == 1]
-        self.join([s for s in found if len(s.added) == 1])
-        self.good = sorted([*self.good, *self._needed([s for s in found if len(s.added) > 1])], key=lambda s: s.bic)
+        balance_fits = list(by_balance.fits)
+        self.out.tried += balance_fits
+        self.longer += [s for s in balance_fits if len(s.added) == 1]
+        self.join([s for s in balance_fits if len(s.added) == 1])
+        self.good = sorted(
+            [*self.good, *self._needed([s for s in balance_fits if len(s.added) > 1])], key=lambda s: s.bic
+        )
         return by_balance
 
     def beside_density(self) -> None:
@@ -194,9 +196,9 @@ def _more_than_one(course: _Course, violated: bool) -> None:
 
     def ask_balance() -> tuple[bool, bool]:
         # attitudes that show a torque, and nothing in the catalogue explains it: a longer search has no more to try
-        found = course.balance()
-        none = found.forced and not any(explained(s) for s in course.good)
-        return none, none and not found.named
+        by_balance = course.balance()
+        none = by_balance.forced and not any(explained(s) for s in course.good)
+        return none, none and not by_balance.named
 
     if not violated and not explained(base) and not any(adequate(s) for s in course.good):
         beyond, lost = ask_balance()
@@ -272,8 +274,12 @@ def _concluded(case: Case, base: FittedModel, good: list[FittedModel], out: Sele
         return out
     if good:
         out.best = good[0] = refit(case, good[0].fit.state, good[0].added, idle=POLISH)
-        left = good[0].fitted ** 2 - 1.0
-        nearly = left < NEARLY * (base.fitted**2 - 1.0) and not good[0].held > MISPREDICTED and not good[0].implausible
+        remaining_square = good[0].fitted ** 2 - 1.0
+        nearly = (
+            remaining_square < NEARLY * (base.fitted**2 - 1.0)
+            and not good[0].held > MISPREDICTED
+            and not good[0].implausible
+        )
         if nearly and _constant(case, good[0]):
             out.best = _to_the_end(case, good[0])
             out.rivals = _rivals_of(good)

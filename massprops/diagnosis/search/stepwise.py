@@ -29,34 +29,34 @@ def stepwise(case: Case, start: FittedModel, usable: list[ModuleType], watch: Wa
     Each step adds the effect that explains most of what is left, then takes away the one that became idle: what was
     chosen first, to stand for two effects, gives way when both are there. At the end each of two is exchanged for others.
     """
-    found = [
+    models = [
         with_assumed_inertia(
             case, best_event_time(case, refit(case, start.fit.state, start.added, idle=POLISH), far=False)
         )
     ]
 
     def follow(s: FittedModel) -> None:
-        if s is not found[-1]:
-            found.append(s)
+        if s is not models[-1]:
+            models.append(s)
 
-    follow(lean(case, found[-1]))
-    while (better := _grown(case, found[-1], usable, watch)) is not None:
-        found.append(better)
-    for a in found[-1].added:
-        plain = _simpler(case, found[-1], a) if a.form else None
-        if plain is not None and plain.bic < found[-1].bic and _may_follow(plain, found[-1]):
-            found.append(plain)
-    if len(found) > 1:
-        follow(best_event_time(case, found[-1], far=False))
-        follow(_best_rate_constant(case, found[-1], watch))
-    at = found[-1]
+    follow(lean(case, models[-1]))
+    while (better := _grown(case, models[-1], usable, watch)) is not None:
+        models.append(better)
+    for a in models[-1].added:
+        plain = _simpler(case, models[-1], a) if a.form else None
+        if plain is not None and plain.bic < models[-1].bic and _may_follow(plain, models[-1]):
+            models.append(plain)
+    if len(models) > 1:
+        follow(best_event_time(case, models[-1], far=False))
+        follow(_best_rate_constant(case, models[-1], watch))
+    at = models[-1]
     if len(at.added) > MOST_EFFECTS:
         fewer = min((_without(case, at, a, against=near(at.fit.cost)) for a in at.added), key=penalised_bic)
         if penalised_bic(fewer) < penalised_bic(at) and _may_follow(fewer, at):
-            found.append(fewer)
-    if explained(found[-1]) and len(found[-1].added) > 1:
-        found += _exchanged(case, found[-1], usable, watch)
-    return found
+            models.append(fewer)
+    if explained(models[-1]) and len(models[-1].added) > 1:
+        models += _exchanged(case, models[-1], usable, watch)
+    return models
 
 
 def lean(case: Case, at: FittedModel) -> FittedModel:
@@ -72,17 +72,20 @@ def lean(case: Case, at: FittedModel) -> FittedModel:
 
 def _needed(s: FittedModel, a: Added) -> float:
     """By how much chi-square would rise without an effect, to second order (Wald's test)."""
-    own, at = np.zeros(len(s.fit.free), bool), BODY_SIZE
+    of_effect, at = np.zeros(len(s.fit.free), bool), BODY_SIZE
     for module in s.fit.state.model.modules:
         for i, q in enumerate(module.PARAMETERS):
-            own[at + i] = module is a.effect and q.kind == "number"
+            of_effect[at + i] = module is a.effect and q.kind == "number"
         at += len(module.PARAMETERS)
     values = np.concatenate([np.zeros(BODY_SIZE), *s.fit.state.model.values])[s.fit.free]
-    own = own[s.fit.free]
-    H, v = s.fit.unit, (values * s.fit.scale)[own]
-    across = H[np.ix_(own, ~own)]
-    left = H[np.ix_(own, own)] - across @ np.linalg.pinv(H[np.ix_(~own, ~own)], hermitian=True) @ across.T
-    return float(v @ left @ v)
+    of_effect = of_effect[s.fit.free]
+    H, v = s.fit.unit, (values * s.fit.scale)[of_effect]
+    across = H[np.ix_(of_effect, ~of_effect)]
+    remaining_information = (
+        H[np.ix_(of_effect, of_effect)]
+        - across @ np.linalg.pinv(H[np.ix_(~of_effect, ~of_effect)], hermitian=True) @ across.T
+    )
+    return float(v @ remaining_information @ v)
 
 
 def _grown(case: Case, at: FittedModel, usable: list[ModuleType], watch: Watch) -> FittedModel | None:

@@ -63,11 +63,11 @@ def recovered_torque(case: Case, base: FittedModel) -> dict[str, Any]:
     start = replace(state, model=Model((effect,), (np.zeros(3 * count),)))
     free = np.concatenate([case.first.free, np.ones(3 * count, bool)])
     free[INERTIA] = False
-    found = fit(case.problem, case.fitted, start, case.environment, free, InertiaPrior(), Search(most=12))
-    torque = found.state.model.values[0].reshape(-1, 3)
-    usable = bool(np.isfinite(found.information).all())
+    fitted = fit(case.problem, case.fitted, start, case.environment, free, InertiaPrior(), Search(most=12))
+    torque = fitted.state.model.values[0].reshape(-1, 3)
+    usable = bool(np.isfinite(fitted.information).all())
     variance = (
-        np.diag(covariance_of(found))[BODY_SIZE : BODY_SIZE + 3 * count] if usable else np.full(3 * count, np.inf)
+        np.diag(covariance_of(fitted))[BODY_SIZE : BODY_SIZE + 3 * count] if usable else np.full(3 * count, np.inf)
     )
     sigma = np.sqrt(np.maximum(variance, 0.0)).reshape(-1, 3)
     shown = sigma.max(axis=1) < WIDEST * max(float(np.abs(torque).max()), 1e-300)
@@ -78,8 +78,8 @@ def recovered_torque(case: Case, base: FittedModel) -> dict[str, Any]:
         "torque": torque,
         "sigma": sigma,
         "before": base.fitted,
-        "after": float(np.sqrt(mean_square(found.residuals))),
-        **_character(case, found.predicted.q, found.predicted.motion.w, knots, torque),
+        "after": float(np.sqrt(mean_square(fitted.residuals))),
+        **_character(case, fitted.predicted.q, fitted.predicted.motion.w, knots, torque),
     }
 
 
