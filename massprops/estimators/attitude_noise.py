@@ -36,8 +36,8 @@ def with_correlated_noise(problem: Problem, start: Start) -> tuple[Problem, str]
     """
     if start.poses is None or start.body_frame != "attitude0" or len(start.poses.rows) < FEWEST:
         return problem, ""
-    found = _left(problem, start)
-    factor, memory = (1.0, 1.0) if found is None else inflation_of(*found)
+    residuals_and_slopes = _left(problem, start)
+    factor, memory = (1.0, 1.0) if residuals_and_slopes is None else inflation_of(*residuals_and_slopes)
     if not factor > 1.0:
         return problem, ""
     line = f"errors of attitude0 stay alike over about {memory:.0f} epochs: its sigmas are taken {factor:.1f} times as wide"
@@ -77,14 +77,14 @@ def inflation_of(left: np.ndarray, slope: np.ndarray) -> tuple[float, float]:
     A = A / np.maximum(np.sqrt(np.sum(A * A, axis=(0, 1))), 1e-300)
     apart = np.abs(np.arange(count)[:, None] - np.arange(count))
     plain = _likelihood(np.eye(count), r, A)[0]
-    found = [(plain, 1.0, 1.0)]
+    trials = [(plain, 1.0, 1.0)]
     for rho in CORRELATIONS:
         alike = rho**apart
         for white in WHITE_SHARES:
             likelihood, variance = _likelihood((1 - white) * alike + white * np.eye(count), r, A)
             memory = block * (1.0 + 2.0 * (1 - white) * rho / (1 - rho))
-            found.append((likelihood, variance * memory, memory))
-    log, square, memory = np.array(found).T
+            trials.append((likelihood, variance * memory, memory))
+    log, square, memory = np.array(trials).T
     if log.max() < plain + EVIDENCE:
         return 1.0, 1.0
     # a short record leaves the memory open: the mean over what is likely

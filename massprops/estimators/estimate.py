@@ -130,15 +130,15 @@ def run_methods(
         log.info("method %s", method.NAME)
         begun = time.process_time()
         try:
-            found = bench.run(method, belief, start)
+            estimate = bench.run(method, belief, start)
         except NotPossible as stop:
             skipped[method.NAME] = str(stop)
             continue
         finally:
             cpu[method.NAME] = time.process_time() - begun
-        if found.cpu_us_per_step is None:
-            found = replace(found, cpu_us_per_step=1e6 * cpu[method.NAME] / len(bench.problem.times))
-        estimates.append(found)
+        if estimate.cpu_us_per_step is None:
+            estimate = replace(estimate, cpu_us_per_step=1e6 * cpu[method.NAME] / len(bench.problem.times))
+        estimates.append(estimate)
     progress(total, total, "")
     reference = next((e for e in estimates if e.name == REFERENCE), None)
     if reference is not None:
@@ -233,12 +233,12 @@ class _Bench:
         takes_model = "model" in inspect.signature(method.estimate).parameters
         extra = {"model": self.model} if self.model is not None and takes_model else {}
         try:
-            found = judged(method.estimate(self.problem, prior or Prior(), start, **extra), self.problem)
+            estimate = judged(method.estimate(self.problem, prior or Prior(), start, **extra), self.problem)
         except MasspropsError as error:
             raise NotPossible(str(error)) from None
         except BREAKS as error:
             raise NotPossible(f"its arithmetic broke down ({type(error).__name__}: {excerpt(error)})") from None
-        return found if self.wheel is None or takes_model else without_wheel(found)
+        return estimate if self.wheel is None or takes_model else without_wheel(estimate)
 
 
 def _still(problem: Problem) -> bool:

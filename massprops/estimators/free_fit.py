@@ -70,9 +70,9 @@ def free_fit(problem: Problem, start: Start) -> FreeFit | None:
         guesses.insert(0, (q, start.w[near], start.inertia))
     best = None
     for number, guess in enumerate(guesses):
-        found = _grown(times, values, sigma, guess, len(times) if number == 0 and len(guesses) > 1 else FEWEST)
-        if found is not None and (best is None or found[1] < best[1]):
-            best = found
+        grown = _grown(times, values, sigma, guess, len(times) if number == 0 and len(guesses) > 1 else FEWEST)
+        if grown is not None and (best is None or grown[1] < best[1]):
+            best = grown
         if best is not None and best[1] < POOR:
             break
     if best is None or best[1] > POOR:
@@ -98,8 +98,8 @@ def fit_attitudes(times: np.ndarray, q: np.ndarray, sigma: np.ndarray, guess: Gu
     """
     if len(times) < FEWEST:
         return None
-    found = _grown(times, q, sigma, guess or _begin(times, q), FEWEST if guess is None else len(times))
-    return None if found is None else found[0]
+    grown = _grown(times, q, sigma, guess or _begin(times, q), FEWEST if guess is None else len(times))
+    return None if grown is None else grown[0]
 
 
 def _begin(times: np.ndarray, values: np.ndarray) -> Guess:
@@ -111,10 +111,10 @@ def _begin(times: np.ndarray, values: np.ndarray) -> Guess:
 
 def _grown(times: np.ndarray, values: np.ndarray, sigma: np.ndarray, guess: Guess, count: int) -> Found | None:
     while True:
-        found = _fitted(times[:count], values[:count], sigma[:count], guess)
-        if found is None or count == len(times):
-            return found
-        guess = found[0]
+        fitted = _fitted(times[:count], values[:count], sigma[:count], guess)
+        if fitted is None or count == len(times):
+            return fitted
+        guess = fitted[0]
         count = min(len(times), int(np.ceil(1.5 * count)))
 
 
@@ -164,11 +164,11 @@ def _fitted(times: np.ndarray, values: np.ndarray, sigma: np.ndarray, guess: Gue
         trial = q, w, project_to_physical(inertia)
         return _cost(_residuals(times, values, [trial])[0] / sigma[:, None], weight, trial, prior), trial
 
-    for found in descend(guess, linearise, step, STEPS, Damping(1e-4, lowered=8.0, least=1e-12, tries=8)):
-        guess = found.place
-        if not np.isfinite(found.cost):
+    for descent in descend(guess, linearise, step, STEPS, Damping(1e-4, lowered=8.0, least=1e-12, tries=8)):
+        guess = descent.place
+        if not np.isfinite(descent.cost):
             return None
-        if found.fall < 1e-7 * (found.cost + found.fall):
+        if descent.fall < 1e-7 * (descent.cost + descent.fall):
             break
     r = _residuals(times, values, [guess])[0] / sigma[:, None]
     scale = float(np.median(np.sum(r**2, axis=1))) / 2.366  # the median of chi-square with three degrees

@@ -174,10 +174,10 @@ def _least(problem: Conservation, inertia: np.ndarray) -> At:
         return new.cost, new
 
     at = problem.at(inertia)
-    for found in descend(at, linearise, step, LARGEST_COUNT, Damping(tries=12)):
-        change = float(np.linalg.norm(found.place.inertia - at.inertia))
-        at = found.place
-        if found.fall < 1e-10 * (1.0 + found.cost + found.fall) and change < 1e-7:
+    for descent in descend(at, linearise, step, LARGEST_COUNT, Damping(tries=12)):
+        change = float(np.linalg.norm(descent.place.inertia - at.inertia))
+        at = descent.place
+        if descent.fall < 1e-10 * (1.0 + descent.cost + descent.fall) and change < 1e-7:
             break
     return at
 

@@ -37,5 +37,5 @@ def unmet(method: Method, problem: Problem) -> str:
             missing.append(" or ".join(SAID[word] for word in words))
     if missing:
         return "needs " + ", and ".join(missing)
-    own = getattr(method, "unmet", None)
-    return str(own(problem) or "") if own is not None else ""
+    further_check = getattr(method, "unmet", None)
+    return str(further_check(problem) or "") if further_check is not None else ""

@@ -41,6 +41,6 @@ class Outcome:
         """Why there is no sound estimate; empty when there is one."""
         if self.sound:
             return ""
-        said = [f"{e.name}: {e.because or e.reason or 'did not converge'}" for e in self.estimates]
-        said += [f"{name}: {why}" for name, why in self.skipped.items()]
-        return "no estimator gives the inertia ratios from this data; " + "; ".join(said)
+        reasons = [f"{e.name}: {e.because or e.reason or 'did not converge'}" for e in self.estimates]
+        reasons += [f"{name}: {why}" for name, why in self.skipped.items()]
+        return "no estimator gives the inertia ratios from this data; " + "; ".join(reasons)

@@ -89,9 +89,9 @@ def read_filter(path: str | Path) -> FilterPrior:
         raise InputError(f"--prior {path}: no such file; massprops export RUN --to filter writes one")
     content = load_yaml(path)
     if content.get("format", FORMAT) != FORMAT:
-        found = excerpt(content["format"])
+        given_format = excerpt(content["format"])
         raise InputError(
-            f"{path}: its format is {found}, not {FORMAT!r}: write it with 'massprops export RUN --to filter'"
+            f"{path}: its format is {given_format}, not {FORMAT!r}: write it with 'massprops export RUN --to filter'"
         )
     document = read(FilterFile, content, str(path))
     inertia = _inertia(path, document)
@@ -145,14 +145,14 @@ def _inertia(path: Path, document: FilterFile) -> np.ndarray | None:
     if moments[0] <= 0:
         raise InputError(f"{path}: inertia has a principal moment of {moments[0]:.4g}; all three must be above 0")
     if not is_physical(moments, 1e-6):
-        said = ", ".join(f"{m:.4g}" for m in moments / moments.sum())
+        moments_text = ", ".join(f"{m:.4g}" for m in moments / moments.sum())
         raise InputError(
-            f"{path}: principal moments in the ratio {said} break the triangle inequality: correct inertia"
+            f"{path}: principal moments in the ratio {moments_text} break the triangle inequality: correct inertia"
         )
     if k is not None and not np.allclose(ratios(inertia)[0], k, atol=1e-3):
-        found = ratios(inertia)[0]
+        from_inertia = ratios(inertia)[0]
         raise InputError(
-            f"{path}: inertia gives k1 = {found[0]:.4f}, k2 = {found[1]:.4f}, but inertia_ratios says "
+            f"{path}: inertia gives k1 = {from_inertia[0]:.4f}, k2 = {from_inertia[1]:.4f}, but inertia_ratios says "
             f"{k[0]:.4f}, {k[1]:.4f}: correct one of them"
         )
     return inertia / np.trace(inertia)

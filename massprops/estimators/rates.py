@@ -132,15 +132,15 @@ def _consistent(
     """A fit to the samples (n,) that agree with it, the factor that its residuals ask for, and which samples these are."""
     use = np.ones(n, bool)
     for _ in range(3):
-        found = fit(use)
-        square, freedom, own = found[2:5]
+        fitted = fit(use)
+        square, freedom, own_squares = fitted[2:5]
         ok = freedom > 0
         scale = float(np.median(square[ok] / freedom[ok])) if ok.any() else 1.0
-        bad = own > LARGEST_SQUARE * max(scale, 1e-12)
+        bad = own_squares > LARGEST_SQUARE * max(scale, 1e-12)
         if (bad == ~use).all():
             break
         use = ~bad
-    return found, max(scale, 1e-6), use
+    return fitted, max(scale, 1e-6), use
 
 
 def _sweep(q: np.ndarray) -> float:
@@ -225,14 +225,14 @@ def _attitude_fit(
     inverse[:, 3:6] /= unit
     inverse[:, :, 3:6] /= unit
     whole = np.swapaxes(R[:, 0], -1, -2) @ information[rows] @ R[:, 0]
-    own = np.einsum("ri,rij,rj->r", c[:, 0], whole, c[:, 0])
+    own_squares = np.einsum("ri,rij,rj->r", c[:, 0], whole, c[:, 0])
     if not wanted:
-        return c, inverse[:, :6, :6], each.sum(axis=1), freedom, own, np.zeros(0)
+        return c, inverse[:, :6, :6], each.sum(axis=1), freedom, own_squares, np.zeros(0)
     first = inverse[:, :6].reshape(r, 6, d, 3)
     first = np.concatenate([first[:, :, :1], first[:, :, 1:2] * unit, first[:, :, 2:]], axis=2)
     by_sample = (T @ first.transpose(0, 2, 1, 3).reshape(r, d, 18)).reshape(r, L, 6, 3)
     influence = by_sample @ weight @ np.swapaxes(R, -1, -2)
-    return c, inverse[:, :6, :6], each.sum(axis=1), freedom, own, influence
+    return c, inverse[:, :6, :6], each.sum(axis=1), freedom, own_squares, influence
 
 
 def _free(tau: np.ndarray, w: np.ndarray, inertia: np.ndarray) -> np.ndarray:
@@ -256,6 +256,6 @@ def _rate_fit(
     c = np.einsum("rab,rl,rlb,rli->rai", inverse, taken, T, w[index], optimize=True)
     error = (w[index] - np.einsum("rla,rai->rli", T, c)) / sigma
     square = np.einsum("rl,rli->r", taken, error**2)
-    own = np.sum(((w[rows] - c[:, 0]) / sigma) ** 2, axis=1)
+    own_squares = np.sum(((w[rows] - c[:, 0]) / sigma) ** 2, axis=1)
     c[:, 1] /= unit
-    return c, sigma**2 * inverse[:, 0, 0], square, 3.0 * (taken.sum(axis=1) - 3), own
+    return c, sigma**2 * inverse[:, 0, 0], square, 3.0 * (taken.sum(axis=1) - 3), own_squares

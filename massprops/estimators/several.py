@@ -70,9 +70,9 @@ def estimate_several(
     chosen = list(methods)
     named = {str(r) if isinstance(r, Path) else f"record {k + 1}": r for k, r in enumerate(records)}
     outcomes = {name: estimate_all(record, chosen, prior, progress, model) for name, record in named.items()}
-    found = together(outcomes)
+    combined = together(outcomes)
     joint = [
-        Estimate(f.name, True, True, reliable=True, k1=f.k[0], k2=f.k[1], k_covariance=f.covariance) for f in found
+        Estimate(f.name, True, True, reliable=True, k1=f.k[0], k2=f.k[1], k_covariance=f.covariance) for f in combined
     ]
     document: dict[str, Any] = {
         "format": "massprops-estimates-together/1",
@@ -85,12 +85,12 @@ def estimate_several(
                 "parameters": f.parameters,
                 "sigma": f.sigma,
             }
-            for f, e in zip(found, joint, strict=True)
+            for f, e in zip(combined, joint, strict=True)
         ],
         "records": {name: document_of(o, name) for name, o in outcomes.items()},
         "warnings": [
             *(f"{name}: {w}" for name, o in outcomes.items() for w in o.warnings),
-            *(f"{f.name}: {DIFFER}" for f in found if f.differ),
+            *(f"{f.name}: {DIFFER}" for f in combined if f.differ),
         ],
     }
     return document, Outcome(next(iter(outcomes.values())).problem, joint, warnings=tuple(document["warnings"]))
@@ -102,21 +102,21 @@ def together(outcomes: dict[str, Outcome]) -> list[Together]:
     Raises:
         NotPossible: there is none, or the first contradicts itself from one record to another.
     """
-    own: dict[str, dict[str, Estimate]] = {}
+    by_method: dict[str, dict[str, Estimate]] = {}
     for record, outcome in outcomes.items():
         for e in outcome.sound:
             if e.k_covariance is not None:
-                own.setdefault(e.name, {})[record] = e
-    found = [_together(name, estimates) for name, estimates in own.items() if len(estimates) > 1]
-    if not found:
+                by_method.setdefault(e.name, {})[record] = e
+    combined = [_together(name, estimates) for name, estimates in by_method.items() if len(estimates) > 1]
+    if not combined:
         raise NotPossible("no method is reliable in two of the records: estimate each by itself, which says why")
-    found.sort(key=lambda f: f.name != "smoother")
-    if found[0].p_value < UNLIKELY:
+    combined.sort(key=lambda f: f.name != "smoother")
+    if combined[0].p_value < UNLIKELY:
         raise NotPossible(
-            f"the records do not agree on one inertia by {found[0].name} (p = {found[0].p_value:.1g}): they are of different bodies, or "
+            f"the records do not agree on one inertia by {combined[0].name} (p = {combined[0].p_value:.1g}): they are of different bodies, or "
             "something acts in one of them. Estimate each by itself"
         )
-    return found
+    return combined
 
 
 def _together(name: str, estimates: dict[str, Estimate]) -> Together:

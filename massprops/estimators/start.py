@@ -98,9 +98,9 @@ def _first(problem: Problem, early: np.ndarray) -> Start:
     if np.isfinite(problem.attitude[early]).all(axis=1).sum() >= FEWEST:
         return _from_attitude(problem, early)
     if problem.stereo:
-        found = _from_stereo(problem, early)
-        if found is not None:
-            return found
+        stereo_start = _from_stereo(problem, early)
+        if stereo_start is not None:
+            return stereo_start
     if np.isfinite(problem.rates[early]).all(axis=1).sum() >= FEWEST:
         return _from_rates(problem, early)
     if problem.has_tracks and not problem.stereo:
@@ -188,8 +188,8 @@ def _from_rates(problem: Problem, early: np.ndarray) -> Start:
     fit = rates.from_rates(times, w, problem.sigma_rate)
     block = _blocks(times, fit)
     momentum = momentum_inertia(fit.q, fit.w, within(fit.covariance, block), block, fit.window)
-    said = "attitude integrated from body rates, from the body's axes at the first epoch"
-    return replace(_of_fit(times, rows, fit, fit.w, momentum, [said]), block=block)
+    note = "attitude integrated from body rates, from the body's axes at the first epoch"
+    return replace(_of_fit(times, rows, fit, fit.w, momentum, [note]), block=block)
 
 
 def _of_fit(
@@ -226,16 +226,16 @@ def _inertia(
     """
     chaser = chaser_path(problem.environment, times)
     fit = rates.from_attitude(times, q, covariance, shared)
-    w, found = _conserved(chaser, fit, None)
+    w, conserved = _conserved(chaser, fit, None)
     for _ in range(PASSES):
-        if found is None or not np.isfinite(fit.w).all():
+        if conserved is None or not np.isfinite(fit.w).all():
             break
-        again = rates.from_attitude(times, q, covariance, shared, (found.inertia, fit.w))
-        w_again, found_again = _conserved(chaser, again, found.inertia)
+        again = rates.from_attitude(times, q, covariance, shared, (conserved.inertia, fit.w))
+        w_again, found_again = _conserved(chaser, again, conserved.inertia)
         if found_again is None:
             break
-        fit, w, found = again, w_again, found_again
-    return fit, w, found
+        fit, w, conserved = again, w_again, found_again
+    return fit, w, conserved
 
 
 def _conserved(chaser: ChaserPath, fit: rates.LocalFit, first: np.ndarray | None) -> tuple[np.ndarray, Momentum | None]:

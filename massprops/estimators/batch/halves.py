@@ -40,10 +40,10 @@ def halves(problem: Problem, m: Measurements, found: Fit, environment: Environme
 
 def _within(m: Measurements, inside: np.ndarray) -> Measurements:
     """The measurements of some epochs (n,)."""
-    own = inside[m.seen.epoch]
-    seen = replace(m.seen, **{name: getattr(m.seen, name)[own] for name in ("epoch", "camera", "feature", "row")})
+    in_part = inside[m.seen.epoch]
+    seen = replace(m.seen, **{name: getattr(m.seen, name)[in_part] for name in ("epoch", "camera", "feature", "row")})
     return replace(
-        m, seen=seen, uv=m.uv[own], sigma=m.sigma[own], range_at=m.range_at[inside[m.range_at]],
+        m, seen=seen, uv=m.uv[in_part], sigma=m.sigma[in_part], range_at=m.range_at[inside[m.range_at]],
         rate_at=m.rate_at[inside[m.rate_at]], attitude_at=m.attitude_at[inside[m.attitude_at]],
     )  # fmt: skip
 
@@ -53,14 +53,14 @@ def residual_rows(problem: Problem, m: Measurements, found: Fit) -> np.ndarray:
     n, (cameras, features) = len(problem.times), problem.seen.shape[1:]
     rates, attitude = np.full((n, 3), np.nan), np.full((n, 3), np.nan)
     tracks = np.full((n, cameras, features, 2), np.nan)
-    left = found.residuals
+    residuals = found.residuals
     o, r, w = len(m.uv), len(m.range_at), len(m.rate_at)
     kept = found.weights > 0
-    for own, values, at, weights in (
-        (rates, left.rates, m.rate_at, kept[o + r : o + r + w]),
-        (attitude, left.attitude, m.attitude_at, kept[o + r + w :]),
+    for channel_rows, values, at, weights in (
+        (rates, residuals.rates, m.rate_at, kept[o + r : o + r + w]),
+        (attitude, residuals.attitude, m.attitude_at, kept[o + r + w :]),
     ):
-        own[at[weights]] = values[weights]
+        channel_rows[at[weights]] = values[weights]
     here = kept[:o]
-    tracks[m.seen.epoch[here], m.seen.camera[here], m.seen.feature[here]] = left.tracks[here]
+    tracks[m.seen.epoch[here], m.seen.camera[here], m.seen.feature[here]] = residuals.tracks[here]
     return np.concatenate([rates, attitude, tracks.reshape(n, -1)], axis=1)

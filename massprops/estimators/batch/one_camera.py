@@ -79,10 +79,10 @@ def fit_tracks(
     free[8] = problem.has_range
     channels = ("tracks", "range") if problem.has_range else ("tracks",)
     m = replace(measurements_of(problem, observed=observed, channels=channels), may_slide=True)
-    found = fit(problem, m, state, environment, free)
-    found = fit(problem, m, _in_axes_of_attitudes(problem, found), environment, free)
+    fitted = fit(problem, m, state, environment, free)
+    fitted = fit(problem, m, _in_axes_of_attitudes(problem, fitted), environment, free)
     begun = replace(first, state=state, free=free, channels=channels, observed=observed, notes=())
-    return begun, found, m
+    return begun, fitted, m
 
 
 def _in_axes_of_attitudes(problem: Problem, found: Fit) -> BatchState:
@@ -116,9 +116,9 @@ def clustered_covariance(problem: Problem, m: Measurements, found: Fit, environm
     middle = multiway_meat(seen, _alike(problem, m, found))
     plain = inverse * max(1.0, found.chi2 / found.freedom)
     # sums and differences need not be a covariance: no direction may fall below independent errors
-    own = at_least(plain, inverse @ middle @ inverse)
+    free_covariance = at_least(plain, inverse @ middle @ inverse)
     out = np.zeros((len(free), len(free)))
-    out[np.ix_(free, free)] = own
+    out[np.ix_(free, free)] = free_covariance
     return out
 
 

@@ -101,8 +101,8 @@ def _sigmas(
     by = Slopes(problem, found.predicted, environment)
 
     def spread(J: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        own = covariance[np.ix_(rows, rows)]
-        return np.asarray(np.sqrt(np.maximum(np.einsum("nij,jk,nik->ni", J, own, J), 0.0)))
+        block = covariance[np.ix_(rows, rows)]
+        return np.asarray(np.sqrt(np.maximum(np.einsum("nij,jk,nik->ni", J, block, J), 0.0)))
 
     at = found.predicted
     turning, path = by.turn_columns, by.path_columns

@@ -136,8 +136,8 @@ class _Descent:
             return np.inf, (trial, self.at, self.linear.residuals)
         with np.errstate(all="ignore"):
             at = predict(self.problem, trial, self.environment)
-            left = residuals(self.problem, self.m, at)
-            return self._cost(trial, left), (trial, at, left)
+            trial_residuals = residuals(self.problem, self.m, at)
+            return self._cost(trial, trial_residuals), (trial, at, trial_residuals)
 
     def _cost(self, state: BatchState, left: Residuals) -> float:
         """Half the loss with the prior and the penalties, under the present weights."""
@@ -176,34 +176,34 @@ def fit(
         return None if size < search.tolerance and not new[0] < here.cost else new
 
     begin = here.state, here.at, here.linear.residuals
-    for found in descend(begin, equations, step, search.most, Damping(lowered=8.0, most=LARGEST_DAMPING)):
-        if not found.fall:
+    for descent in descend(begin, equations, step, search.most, Damping(lowered=8.0, most=LARGEST_DAMPING)):
+        if not descent.fall:
             converged = size < 0.05
             break
-        here.renew(*found.place)
-        converged = size < search.tolerance or (found.fall < 1e-7 * here.cost and found.damping < 1e-4)
-        stalled = stalled + 1 if found.fall * m.count < search.idle * here.cost else 0
-        lost = lost + 1 if here.cost - 2.0 * found.fall * (search.most - iterations) > search.against else 0
+        here.renew(*descent.place)
+        converged = size < search.tolerance or (descent.fall < 1e-7 * here.cost and descent.damping < 1e-4)
+        stalled = stalled + 1 if descent.fall * m.count < search.idle * here.cost else 0
+        lost = lost + 1 if here.cost - 2.0 * descent.fall * (search.most - iterations) > search.against else 0
         if converged or stalled == PATIENCE or lost == PATIENCE and iterations >= FIRST_JUDGED:
             break
     return _fit_of(here, free, converged, iterations)
 
 
 def _fit_of(here: _Descent, free: np.ndarray, converged: bool, iterations: int) -> Fit:
-    m, left = here.m, here.linear.residuals
-    weights = robust(left, m)[0]
+    m, last_residuals = here.m, here.linear.residuals
+    weights = robust(last_residuals, m)[0]
     kept = weights > 0
     placed = len(np.unique(m.seen.feature)) if len(m.uv) else 0
     return Fit(
         state=here.state,
         predicted=here.at,
-        residuals=left,
+        residuals=last_residuals,
         weights=weights,
         information=reduced_equations(here.linear, m, weights, free, here.state, None).H,
         free=free,
         cost=here.cost,
-        chi2=float(np.sum(left.squares[kept])),
-        count=int(np.concatenate([np.full(len(part), part.shape[1]) for part in left.parts])[kept].sum()),
+        chi2=float(np.sum(last_residuals.squares[kept])),
+        count=int(np.concatenate([np.full(len(part), part.shape[1]) for part in last_residuals.parts])[kept].sum()),
         parameters=int(free.sum()) + 3 * placed,
         converged=converged,
         iterations=iterations,
@@ -244,10 +244,10 @@ def robust(r: Residuals, m: Measurements, spread: np.ndarray | None = None) -> t
     weights, loss = np.ones_like(norms), np.zeros_like(norms)
     at = 0
     for part, size in zip(r.parts, spread_of(r) if spread is None else spread, strict=True):
-        own = slice(at, at + len(part))
+        rows_of_part = slice(at, at + len(part))
         at += len(part)
-        weights[own] = weight_of(norms[own] / size)
-        loss[own] = bounded_square(norms[own] / size) * size**2 * part.shape[1]
+        weights[rows_of_part] = weight_of(norms[rows_of_part] / size)
+        loss[rows_of_part] = bounded_square(norms[rows_of_part] / size) * size**2 * part.shape[1]
     if m.may_slide and len(r.tracks):
         tracks, feature = slice(len(r.tracks)), m.seen.feature
         of_tracks, most = track_weights(r.tracks, feature)
@@ -294,12 +294,13 @@ def penalties(state: BatchState) -> list[tuple[int, np.ndarray, np.ndarray]]:
     out, at = [], BODY_SIZE
     for module, values in zip(state.model.modules, state.model.values, strict=True):
         if hasattr(module, "penalty"):
-            own = [float(v) for v in values]
-            zero = np.array(module.penalty([0.0] * len(own)))
+            numbers = [float(v) for v in values]
+            zero = np.array(module.penalty([0.0] * len(numbers)))
             slopes = [
-                np.array(module.penalty([float(i == k) for i in range(len(own))])) - zero for k in range(len(own))
+                np.array(module.penalty([float(i == k) for i in range(len(numbers))])) - zero
+                for k in range(len(numbers))
             ]
-            out.append((at, np.array(module.penalty(own)), np.stack(slopes, axis=1)))
+            out.append((at, np.array(module.penalty(numbers)), np.stack(slopes, axis=1)))
         at += len(values)
     return out
 
@@ -326,9 +327,9 @@ def covariance_of(fitted: Fit, weak: float = 1e3) -> np.ndarray:
     scale = fitted.scale
     values, vectors = np.linalg.eigh(fitted.unit)
     inverse = (vectors / np.maximum(values, 1.0 / weak**4)) @ vectors.T
-    own = inverse / scale[:, None] / scale * max(1.0, fitted.chi2 / fitted.freedom)
+    free_covariance = inverse / scale[:, None] / scale * max(1.0, fitted.chi2 / fitted.freedom)
     out = np.zeros((len(fitted.free), len(fitted.free)))
-    out[np.ix_(fitted.free, fitted.free)] = own
+    out[np.ix_(fitted.free, fitted.free)] = free_covariance
     return out
 
 

@@ -194,10 +194,10 @@ def _doubled(
         m = measurements_of(still, inside, channels=("attitude",))
         if len(m.attitude_at) >= 6:
             last = int(np.flatnonzero(inside)[-1]) + 1
-            found = fit(
+            fitted = fit(
                 still.of_epochs(itemgetter(slice(last))), m, blank, fixed, free, InertiaPrior(weak=1.0), Search(most=25)
             )
-            blank, chi2 = found.state, found.chi2 / found.freedom
+            blank, chi2 = fitted.state, fitted.chi2 / fitted.freedom
         if span >= whole:
             return blank, chi2
         span *= 2.0

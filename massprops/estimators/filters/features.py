@@ -32,8 +32,8 @@ def with_features(state: State, X: np.ndarray, covariance: np.ndarray) -> State:
     GP = G @ state.P
     P = np.block([[state.P, GP.T], [GP, GP @ G.T]])
     for i in range(len(X)):
-        own = slice(N + 3 * i, N + 3 * i + 3)
-        P[own, own] += R.T @ covariance[i] @ R
+        of_feature = slice(N + 3 * i, N + 3 * i + 3)
+        P[of_feature, of_feature] += R.T @ covariance[i] @ R
     return replace(state, features=np.concatenate([state.features, p]), P=P)
 
 
@@ -122,9 +122,9 @@ def _newcomers(epoch: int, chosen: np.ndarray, last: np.ndarray, both: np.ndarra
     free = most - len(chosen)
     fit = both[epoch] & (last >= epoch + SHORTEST)
     fit[chosen] = False
-    found = np.flatnonzero(fit)
-    order = np.argsort(-both[epoch:, found].sum(axis=0), kind="stable")
-    return np.sort(found[order][: max(free, 0)])
+    candidates = np.flatnonzero(fit)
+    order = np.argsort(-both[epoch:, candidates].sum(axis=0), kind="stable")
+    return np.sort(candidates[order][: max(free, 0)])
 
 
 def _next_change(begin: int, n: int, chosen: np.ndarray, last: np.ndarray, both: np.ndarray, most: int) -> int:

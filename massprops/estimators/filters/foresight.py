@@ -53,9 +53,9 @@ def foresee(t: np.ndarray, y: np.ndarray, ahead: np.ndarray, frequencies: np.nda
     process = fit_process(t, y, frequencies)
     d = y.shape[1]
     _, _, learnt = process.predict(t)
-    own = float(np.einsum("nii->ni", learnt)[:, :d].sum() / d / max(process.noise_sigma, 1e-300) ** 2)
+    amplitudes = float(np.einsum("nii->ni", learnt)[:, :d].sum() / d / max(process.noise_sigma, 1e-300) ** 2)
     value, rate, covariance = process.predict(ahead)
-    shares = max(1.0, len(ahead) / max(own, 1.0))
+    shares = max(1.0, len(ahead) / max(amplitudes, 1.0))
     variance = shares * np.einsum("nii->ni", covariance)
     return Foresight(value, rate, variance, covariance, process.noise_sigma, shares, process)
 
@@ -72,7 +72,7 @@ def foresee_features(t: np.ndarray, outputs: list[np.ndarray], ahead: np.ndarray
     Returns:
         None for a feature that cannot be learnt.
     """
-    found: list[Foresight | None] = []
+    foresights: list[Foresight | None] = []
     best: Foresight | None = None
     for y in outputs:
         trials = []
@@ -85,19 +85,19 @@ def foresee_features(t: np.ndarray, outputs: list[np.ndarray], ahead: np.ndarray
             if start is not None and poor and len(trials) < 2:
                 starts.append(None)
         if not trials:
-            found.append(None)
+            foresights.append(None)
             continue
         chosen = max(trials, key=lambda f: f.process.log_likelihood)
-        found.append(chosen)
+        foresights.append(chosen)
         if best is None or chosen.noise < best.noise:
             best = chosen
     # the first was learnt alone: where it stands out as poor, the others' frequencies may mend it
-    for i, one in enumerate(found):
+    for i, one in enumerate(foresights):
         if one is not None and best is not None and one is not best and one.noise > 1.5 * best.noise:
             try:
                 again = foresee(t, outputs[i], ahead, best.process.f)
             except (NotPossible, np.linalg.LinAlgError):
                 continue
             if again.process.log_likelihood > one.process.log_likelihood:
-                found[i] = again
-    return found
+                foresights[i] = again
+    return foresights

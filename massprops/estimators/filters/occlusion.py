@@ -198,7 +198,7 @@ def _path(
     """
     chaser, features = chaser_path(problem.environment, times), passage.run.last.features
     C = rotation_matrix(chaser.q)
-    found, spread = linear_path(
+    solution, spread = linear_path(
         times,
         multiply(chaser.q, passage.run.q[: len(times)]),
         np.einsum("nij,nmj->nmi", C, X),
@@ -206,10 +206,10 @@ def _path(
         chaser,
         3.0 * float(np.sqrt(np.mean(np.sum(features**2, axis=1)))),
     )
-    path = np.einsum("nji,nja,a->ni", C, path_transition(times, chaser), found[:6])
+    path = np.einsum("nji,nja,a->ni", C, path_transition(times, chaser), solution[:6])
     shift = np.linalg.norm(path - path[-1], axis=1).max() / np.linalg.norm(path[-1])
     finest = min(s / abs(c.intrinsics[0]) for s, c in zip(problem.sigma_px, problem.cameras, strict=True))
-    speed = np.abs(found[3:6]) > MOVING_SIGMAS * np.sqrt(np.diag(spread)[3:6])
+    speed = np.abs(solution[3:6]) > MOVING_SIGMAS * np.sqrt(np.diag(spread)[3:6])
     moving = bool(shift > STILL * finest and speed.any())
     return (path if moving else np.broadcast_to(path.mean(axis=0), path.shape)), moving
 

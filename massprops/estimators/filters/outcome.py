@@ -22,7 +22,7 @@ def estimate_of(
     """The estimate, in the body axes of attitude0 or in the filter's own."""
     run, last, times = passage.run, passage.run.last, problem.times[setup.first :]
     shape = _shape_of(run)
-    own, turn, axes_covariance = _body(problem, setup, passage, times, shape)
+    body_frame, turn, axes_covariance = _body(problem, setup, passage, times, shape)
     body = rotation_matrix(turn)  # the filter's axes as columns, in body axes
     places, sigma, moving = last.places(), run.sigma, setup.state.moving
     inertia_block = run.block[:, places["k"], places["k"]]
@@ -52,7 +52,7 @@ def estimate_of(
         k_sigma_history=np.sqrt(np.maximum(np.einsum("nii->ni", k_covariance), 0.0)),
         features=passage.points[known] @ body.T if moving else None,
         feature_ids=problem.features[known] if moving else None,
-        body_frame=own,
+        body_frame=body_frame,
         innovation=float(run.nis.sum() / max(run.used.sum(), 1)),
         gated=int(run.gated.sum()),
         used=int(run.used.sum()),

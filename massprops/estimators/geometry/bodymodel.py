@@ -64,15 +64,15 @@ def body_motion(points: np.ndarray, covariance: np.ndarray) -> BodyMotion | None
     """
     seen = np.isfinite(points).all(axis=-1)
     best: BodyMotion | None = None
-    left = spread_out(points, seen)
-    while left.any() and (best is None or left.sum() > best.used.sum()):
-        start = int(np.argmax(left))
+    remaining_epochs = spread_out(points, seen)
+    while remaining_epochs.any() and (best is None or remaining_epochs.sum() > best.used.sum()):
+        start = int(np.argmax(remaining_epochs))
         growth = _Growth(points, covariance, seen, start)
         growth.spread()
         growth.polish()
         motion = growth.motion()
-        left &= ~motion.used
-        left[start] = False
+        remaining_epochs &= ~motion.used
+        remaining_epochs[start] = False
         if best is None or motion.used.sum() > best.used.sum():
             best = motion
     return best

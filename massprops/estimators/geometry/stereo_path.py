@@ -50,12 +50,12 @@ def linear_path(
         b[:6] = np.einsum("nia,nmij,nmj->a", T, W, z, optimize=True)
         WR = W @ R[:, None]
         cross = np.einsum("nia,nmij->maj", T, WR, optimize=True)
-        own = np.einsum("nji,nmjk->mik", R, WR, optimize=True)
+        feature_blocks = np.einsum("nji,nmjk->mik", R, WR, optimize=True)
         right = np.einsum("nmji,nmj->mi", WR, z)
         for i in range(m):
             s = slice(6 + 3 * i, 9 + 3 * i)
             N[:6, s], N[s, :6] = cross[i], cross[i].T
-            N[s, s] += own[i]
+            N[s, s] += feature_blocks[i]
             b[s] = right[i]
         spread = inverse_of(N)
         x = spread @ b

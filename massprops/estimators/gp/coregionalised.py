@@ -207,9 +207,9 @@ def _train(t: np.ndarray, y: np.ndarray, start: _Fit, orders: np.ndarray, iterat
 
     x0 = np.concatenate([fit.chol[rows, cols], np.log(fit.z), [np.log(fit.noise)]])
     bounds = [(-1e4, 1e4)] * len(rows) + [(np.log(1e-4), np.log(50.0))] * 2 + [(np.log(1e-16), np.log(10.0))]
-    found = minimize(objective, x0, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": iterations})
-    fit.chol, fit.z, fit.noise = unpack(found.x)
-    fit.nll = float(found.fun)
+    minimum = minimize(objective, x0, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": iterations})
+    fit.chol, fit.z, fit.noise = unpack(minimum.x)
+    fit.nll = float(minimum.fun)
     lam, U, w = fit.parts()
     fit.f = _gauss_newton(t, y @ U, orders, fit.f, fit.noise / np.outer(w, lam), steps=2)
     return fit
@@ -222,10 +222,10 @@ def _gauss_newton(
     limit = 0.2 / (t[-1] - t[0])
     best, best_f = np.inf, f
     for _ in range(steps):
-        left, move, _ = frequency_step(t, y, orders, f, ridge)
-        if left >= best:
+        residual, move, _ = frequency_step(t, y, orders, f, ridge)
+        if residual >= best:
             break
-        best, best_f = left, f
+        best, best_f = residual, f
         f = f + np.clip(move, -limit, limit)
     return best_f
 

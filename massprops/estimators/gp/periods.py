@@ -35,24 +35,24 @@ def spectral_lines(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray
     grid = np.round((t - t[0]) / step).astype(int)
     size = 1 << int(np.ceil(np.log2((grid[-1] + 1) * PAD)))
     residual = y - y.mean(axis=0)
-    found: list[float] = []
+    frequencies: list[float] = []
     for _ in range(LINES):
         series = np.zeros((grid[-1] + 1, y.shape[1]))
         series[grid] = residual
         power = np.sum(np.abs(np.fft.rfft(series, size, axis=0)) ** 2, axis=1)
         frequency = np.fft.rfftfreq(size, step)
         power[frequency < 0.5 / span] = 0.0
-        found.append(float(frequency[np.argmax(power)]))
-        lines = _sharpen(t, y, np.array(found))
-        found = list(lines)
+        frequencies.append(float(frequency[np.argmax(power)]))
+        lines = _sharpen(t, y, np.array(frequencies))
+        frequencies = list(lines)
         basis = waves(t, lines)
         residual = y - basis @ np.linalg.lstsq(basis, y, rcond=None)[0]
-    basis = waves(t, np.array(found))
+    basis = waves(t, np.array(frequencies))
     c = np.linalg.lstsq(basis, y, rcond=None)[0]
-    m = len(found)
+    m = len(frequencies)
     amplitude = np.sqrt(np.sum(c[1 : m + 1] ** 2 + c[m + 1 :] ** 2, axis=1))
     order = np.argsort(-amplitude)
-    return np.array(found)[order], amplitude[order]
+    return np.array(frequencies)[order], amplitude[order]
 
 
 def candidate_pairs(t: np.ndarray, y: np.ndarray, keep: int = 3) -> list[np.ndarray]:
@@ -84,8 +84,8 @@ def candidate_pairs(t: np.ndarray, y: np.ndarray, keep: int = 3) -> list[np.ndar
         phi = features(t[thin], orders, np.array(f))
         gram = phi.T @ phi + 1e-6 * len(phi) * np.eye(phi.shape[1])
         b = phi.T @ y[thin]
-        left = np.sum(y[thin] ** 2) - np.sum(b * np.linalg.solve(gram, b))
-        trials.append((left, f))
+        residual = np.sum(y[thin] ** 2) - np.sum(b * np.linalg.solve(gram, b))
+        trials.append((residual, f))
     trials.sort(key=lambda item: item[0])
     refined = [_refine_pair(t, y, np.array(f), orders) for _, f in trials[: 3 * keep]]
     refined.sort(key=lambda item: item[0])
@@ -99,9 +99,9 @@ def candidate_pairs(t: np.ndarray, y: np.ndarray, keep: int = 3) -> list[np.ndar
 def _refine_pair(t: np.ndarray, y: np.ndarray, f: np.ndarray, orders: np.ndarray) -> tuple[float, np.ndarray]:
     best, best_f, width = np.inf, f, 0.3 / (t[-1] - t[0])
     for _ in range(6):
-        left, move, _ = frequency_step(t, y, orders, f, np.full(2 * len(orders) - 1, 1e-6 * len(t)))
-        if left < best:
-            best, best_f = left, f
+        residual, move, _ = frequency_step(t, y, orders, f, np.full(2 * len(orders) - 1, 1e-6 * len(t)))
+        if residual < best:
+            best, best_f = residual, f
         f = f + np.clip(move, -width, width)
     return best, best_f
 
@@ -126,7 +126,7 @@ def frequency_step(
     ridge = ridge if ridge.ndim == 2 else ridge[:, None]
     ridge = np.broadcast_to(ridge, (phi.shape[1], y.shape[1]))
     gram = phi.T @ phi
-    left, information, gradient = 0.0, np.zeros((2, 2)), np.zeros(2)
+    residual, information, gradient = 0.0, np.zeros((2, 2)), np.zeros(2)
     shared = bool(np.all(ridge == ridge[:, :1]))
     solve = None
     for d in range(y.shape[1]):
@@ -134,12 +134,12 @@ def frequency_step(
             solve = _solver(gram, ridge[:, d])
         c = solve(phi.T @ y[:, d])
         e = y[:, d] - phi @ c
-        left += float(e @ e + np.sum(ridge[:, d] * c**2))
+        residual += float(e @ e + np.sum(ridge[:, d] * c**2))
         j = np.stack([s @ c for s in slopes], axis=1)
         cross = phi.T @ j
         information += j.T @ j - cross.T @ solve(cross)
         gradient += j.T @ e
-    return left, np.linalg.lstsq(information, gradient, rcond=None)[0], information
+    return residual, np.linalg.lstsq(information, gradient, rcond=None)[0], information
 
 
 def _solver(gram: np.ndarray, ridge: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:

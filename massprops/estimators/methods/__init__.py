@@ -36,8 +36,8 @@ class Method(Protocol):
 @cache
 def methods() -> dict[str, Method]:
     """The estimators by name, in the order of their `ORDER`, then name."""
-    found = cast("dict[str, Method]", {**own(), **_packaged()[0]})
-    return dict(sorted(found.items(), key=lambda pair: (getattr(pair[1], "ORDER", 50), pair[0])))
+    by_name = cast("dict[str, Method]", {**own(), **_packaged()[0]})
+    return dict(sorted(by_name.items(), key=lambda pair: (getattr(pair[1], "ORDER", 50), pair[0])))
 
 
 @cache

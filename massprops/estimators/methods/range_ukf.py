@@ -31,11 +31,11 @@ def estimate(problem: Problem, prior: Prior, start: Start) -> Estimate:
     from massprops.estimators.ranging.passage import passage_of, start_of
 
     ready, passage, fit = passage_of(problem, prior, start_of(problem, start))
-    found = estimate_of(NAME, problem, ready, passage)
+    filter_estimate = estimate_of(NAME, problem, ready, passage)
     unfit = unfit_of(fit)
-    if unfit and not found.reason:
-        found = replace(found, converged=False, reason=unfit)
-    return replace(found, gated=found.gated + fit.outliers, used=found.used + fit.rows)
+    if unfit and not filter_estimate.reason:
+        filter_estimate = replace(filter_estimate, converged=False, reason=unfit)
+    return replace(filter_estimate, gated=filter_estimate.gated + fit.outliers, used=filter_estimate.used + fit.rows)
 
 
 def unfit_of(fit: Any) -> str:

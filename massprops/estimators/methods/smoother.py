@@ -48,10 +48,10 @@ def estimate(problem: Problem, prior: Prior, start: Start, model: Model | None =
     environment = EnvironmentModel(problem.environment, compiled=True)  # many integrations are to come
     first = batch_start(problem, start, environment)
     if one_camera.applies(problem, start):
-        first, found, m = one_camera.fit_tracks(problem, first, start, environment, model)
-        found, rival = best_of_rivals(problem, m, found, environment, InertiaPrior())
-        covariance = one_camera.clustered_covariance(problem, m, found, environment)
-        told = estimate_of(NAME, problem, first, found, environment, time.process_time() - begun, rival, covariance)
+        first, fitted, m = one_camera.fit_tracks(problem, first, start, environment, model)
+        fitted, rival = best_of_rivals(problem, m, fitted, environment, InertiaPrior())
+        covariance = one_camera.clustered_covariance(problem, m, fitted, environment)
+        told = estimate_of(NAME, problem, first, fitted, environment, time.process_time() - begun, rival, covariance)
         return replace(told, memory_counted=True)
     state, free = first.state, first.free
     if model is not None and model.modules:
@@ -62,16 +62,18 @@ def estimate(problem: Problem, prior: Prior, start: Start, model: Model | None =
     if prior.inertia is not None and prior.attitude:
         sigma = 0.05 if prior.k_sigma is None else float(np.max(prior.k_sigma))
         belief = InertiaPrior(3.0 * prior.inertia / np.trace(prior.inertia), max(sigma, 1e-6))
-    found = fit(problem, m, state, environment, free, belief)
-    own = _state_of_model(state, model, problem)
-    if own is not None:
+    fitted = fit(problem, m, state, environment, free, belief)
+    model_state = _state_of_model(state, model, problem)
+    if model_state is not None:
         # the model's own state is near its minimum; the usual start need not lie in the same valley
-        both = [found, fit(problem, m, own, environment, free, belief)]
-        found = both[int(np.argmin(costs_alike(both, m)))]
-    found, rival = best_of_rivals(problem, m, found, environment, belief)
-    told = estimate_of(NAME, problem, first, found, environment, time.process_time() - begun, rival)
+        both = [fitted, fit(problem, m, model_state, environment, free, belief)]
+        fitted = both[int(np.argmin(costs_alike(both, m)))]
+    fitted, rival = best_of_rivals(problem, m, fitted, environment, belief)
+    told = estimate_of(NAME, problem, first, fitted, environment, time.process_time() - begun, rival)
     if told.converged and told.observable:
-        told = replace(told, residuals=residual_rows(problem, m, found), halves=halves(problem, m, found, environment))
+        told = replace(
+            told, residuals=residual_rows(problem, m, fitted), halves=halves(problem, m, fitted, environment)
+        )
     return replace(told, cpu_us_per_step=1e6 * (time.process_time() - begun) / len(problem.times))
 
 

@@ -41,8 +41,8 @@ def estimate(problem: Problem, prior: Prior, start: Start) -> Estimate:
     longer, gaps = with_gap_epochs(problem, ready)
     if not gaps:
         passage = run_through(problem, ready, Settings())
-        said = ("the sequence has no occlusion: the same as ukf",)
-        return estimate_of(NAME, problem, ready, passage, said)
+        notes = ("the sequence has no occlusion: the same as ukf",)
+        return estimate_of(NAME, problem, ready, passage, notes)
     warnings, carried = [], 0
     rows = measurements(longer, ready, ready.first, len(longer.times), ready.chosen, fresh=True)
     for gap in gaps:
@@ -54,8 +54,12 @@ def estimate(problem: Problem, prior: Prior, start: Start) -> Estimate:
             warnings.append(f"occlusion of {longer.times[gap.end - 1] - longer.times[gap.begin]:.0f} s: {reason}")
     warnings.append(f"{carried} of {len(gaps)} occlusions carried by Gaussian processes")
     passage = run_through(longer, ready, Settings(), rows=rows)
-    found = estimate_of(NAME, longer, ready, passage, tuple(warnings))
-    return replace(found, cpu_us_per_step=None) if not np.isfinite(found.cpu_us_per_step or 0.0) else found
+    filter_estimate = estimate_of(NAME, longer, ready, passage, tuple(warnings))
+    return (
+        replace(filter_estimate, cpu_us_per_step=None)
+        if not np.isfinite(filter_estimate.cpu_us_per_step or 0.0)
+        else filter_estimate
+    )
 
 
 def _until(rows: Measurements, n: int) -> Measurements:

@@ -146,13 +146,13 @@ class _Task:
         N[:BASE, :BASE] += np.einsum("nmia,nmib->ab", wb, by_base, optimize=True)
         b[:BASE] += np.einsum("nmia,nmi->a", wb, pixel, optimize=True)
         cross = np.einsum("nmia,nmif->maf", wb, by_f, optimize=True)
-        own = np.einsum("nmia,nmib->mab", w * by_f, by_f, optimize=True)
+        feature_blocks = np.einsum("nmia,nmib->mab", w * by_f, by_f, optimize=True)
         right = np.einsum("nmif,nmi->mf", w * by_f, pixel, optimize=True)
         for i in range(m):
             at = slice(BASE + 3 * i, BASE + 3 * i + 3)
             N[:BASE, at] += cross[i]
             N[at, :BASE] += cross[i].T
-            N[at, at] += own[i]
+            N[at, at] += feature_blocks[i]
             b[at] += right[i]
         ranged = np.isfinite(self.ranges[:n])
         toward = y[:, 7:10] / np.linalg.norm(y[:, 7:10], axis=1, keepdims=True) / self.sigma_range
@@ -178,9 +178,9 @@ class _Task:
             new = x.moved(d)
             return self.cost(new, n), new
 
-        for found in descend(x, linearise, step, MOST_ROUNDS, Damping(1e-4, raised=5.0, least=1e-12, most=1e8)):
-            x = found.place
-            if found.fall < 1e-3 + 1e-6 * found.cost:
+        for descent in descend(x, linearise, step, MOST_ROUNDS, Damping(1e-4, raised=5.0, least=1e-12, most=1e8)):
+            x = descent.place
+            if descent.fall < 1e-3 + 1e-6 * descent.cost:
                 return x, True
         return x, False
 
@@ -247,6 +247,6 @@ def _inverse(information: np.ndarray) -> np.ndarray:
     """Inverse of an information matrix of unit diagonal, positive definite however little the data show of some
     combination, such as of the inertia in a flat spin."""
     value, vector = np.linalg.eigh(0.5 * (information + information.T))
-    found: np.ndarray = (vector / np.maximum(value, 1e-14 * value[-1])) @ vector.T
-    found = 0.5 * (found + found.T)
-    return found
+    inverse: np.ndarray = (vector / np.maximum(value, 1e-14 * value[-1])) @ vector.T
+    inverse = 0.5 * (inverse + inverse.T)
+    return inverse
