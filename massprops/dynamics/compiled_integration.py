@@ -53,14 +53,14 @@ EQUATIONS: dict[str, Callable[..., Any]] = {
 @cache
 def functions(name: str) -> dict[Callable[..., Any], Callable[..., Any]]:
     """The compiled functions of this name by the plain ones, of every effect of the catalogue that has one."""
-    found = {}
+    by_plain = {}
     for effect in catalogue().values():
         plain = getattr(effect, name, None)
         if plain is not None:
             names = {k: v for k, v in EQUATIONS.items() if k in plain.__globals__}
             bound = compiled.calling(plain, **names)
-            found[plain] = numba.cfunc(SIGNATURES[name], cache=True, error_model="numpy")(bound)
-    return found
+            by_plain[plain] = numba.cfunc(SIGNATURES[name], cache=True, error_model="numpy")(bound)
+    return by_plain
 
 
 def _places(name: str, active: ActiveEffects) -> np.ndarray:
@@ -89,11 +89,11 @@ def _slope(
     for k in range(len(inertia_at)):
         six = inertias[inertia_at[k, 0]](t, six, p[inertia_at[k, 1] : inertia_at[k, 2]])
     for k in range(len(moving_at)):
-        own = y[moving_at[k, 3] : moving_at[k, 4]]
-        six = moving[moving_at[k, 0]](six, own, p[moving_at[k, 1] : moving_at[k, 2]])
+        effect_state = y[moving_at[k, 3] : moving_at[k, 4]]
+        six = moving[moving_at[k, 0]](six, effect_state, p[moving_at[k, 1] : moving_at[k, 2]])
     for k in range(len(internal_at)):
-        own = y[internal_at[k, 3] : internal_at[k, 4]]
-        ax, ay, az = internals[internal_at[k, 0]](t, own, p[internal_at[k, 1] : internal_at[k, 2]])
+        effect_state = y[internal_at[k, 3] : internal_at[k, 4]]
+        ax, ay, az = internals[internal_at[k, 0]](t, effect_state, p[internal_at[k, 1] : internal_at[k, 2]])
         hx, hy, hz = hx - ax, hy - ay, hz - az
     w = compiled.symmetric_solve(six[0], six[1], six[2], six[3], six[4], six[5], hx, hy, hz)
     gx, gy, gz = compiled.cross(w[0], w[1], w[2], y[4], y[5], y[6])
@@ -106,8 +106,8 @@ def _slope(
     out[4], out[5], out[6] = tx, ty, tz
     at = 7
     for k in range(len(rate_at)):
-        own = y[rate_at[k, 3] : rate_at[k, 4]]
-        out[at], out[at + 1], out[at + 2] = rates[rate_at[k, 0]](t, w, own, p[rate_at[k, 1] : rate_at[k, 2]])
+        effect_state = y[rate_at[k, 3] : rate_at[k, 4]]
+        out[at], out[at + 1], out[at + 2] = rates[rate_at[k, 0]](t, w, effect_state, p[rate_at[k, 1] : rate_at[k, 2]])
         at += 3
 
 

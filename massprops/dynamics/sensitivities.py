@@ -98,14 +98,14 @@ def _nodes(steps: Steps, speed: float, largest_turn: float) -> np.ndarray:
     them."""
     ends = steps.ends
     hard = np.unique(np.concatenate([[0, len(steps.size)], steps.events]))
-    found = [hard]
+    nodes = [hard]
     for a, b in zip(hard[:-1], hard[1:], strict=True):
         pieces = int(np.ceil((ends[b] - ends[a]) * speed / largest_turn))
         if pieces < b - a:
-            found.append(np.searchsorted(ends, np.linspace(ends[a], ends[b], pieces + 1)[1:-1]))
+            nodes.append(np.searchsorted(ends, np.linspace(ends[a], ends[b], pieces + 1)[1:-1]))
         else:
-            found.append(np.arange(a, b))
-    return np.unique(np.concatenate(found))
+            nodes.append(np.arange(a, b))
+    return np.unique(np.concatenate(nodes))
 
 
 def _fixed(active: ActiveEffects) -> set[int]:

@@ -67,9 +67,9 @@ def derivatives(
     function: Callable[..., tuple[Any, ...]], times: np.ndarray, values: np.ndarray
 ) -> Iterator[np.ndarray]:
     """Derivatives (n, 3) of an effect's `function(times, values)` by each of its values, by the complex step."""
-    own = [float(x) for x in values]
-    for k in range(len(own)):
-        moved = [x + (1j * STEP if i == k else 0) for i, x in enumerate(own)]
+    numbers = [float(x) for x in values]
+    for k in range(len(numbers)):
+        moved = [x + (1j * STEP if i == k else 0) for i, x in enumerate(numbers)]
         yield np.imag(in_rows(function(times, moved), len(times))) / STEP
 
 

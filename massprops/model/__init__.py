@@ -58,19 +58,19 @@ class Model:
     @property
     def active(self) -> ActiveEffects:
         """The effects on the motion."""
-        own = [m for m in self.modules if changes_motion(m)]
-        return ActiveEffects(tuple(own), _places(own))
+        on_motion = [m for m in self.modules if changes_motion(m)]
+        return ActiveEffects(tuple(on_motion), _places(on_motion))
 
     @property
     def sensed(self) -> Sensed:
         """The effects on the sensors."""
-        own = [m for m in self.modules if not changes_motion(m)]
-        return Sensed(tuple(own), _places(own))
+        on_sensors = [m for m in self.modules if not changes_motion(m)]
+        return Sensed(tuple(on_sensors), _places(on_sensors))
 
     def flat(self, motion: bool) -> np.ndarray:
         """Parameters of the effects on the motion, or on the sensors, in one vector."""
-        own = [v for m, v in zip(self.modules, self.values, strict=True) if changes_motion(m) == motion]
-        return np.concatenate([np.zeros(0), *own])
+        chosen = [v for m, v in zip(self.modules, self.values, strict=True) if changes_motion(m) == motion]
+        return np.concatenate([np.zeros(0), *chosen])
 
     def moved(self, motion: np.ndarray, sensing: np.ndarray) -> Model:
         """The same effects with parameters moved by two flat vectors.
@@ -156,8 +156,10 @@ def load_model(path: str | Path) -> Model:
         raise InputError(f"{path}: no such model file; 'massprops diagnose' writes one, model.yaml")
     content = load_yaml(path)
     if content.get("format") != FORMAT:
-        found = excerpt(content.get("format"))
-        raise InputError(f"{path}: its format is {found}, not {FORMAT!r}: give a model.yaml of 'massprops diagnose'")
+        given_format = excerpt(content.get("format"))
+        raise InputError(
+            f"{path}: its format is {given_format}, not {FORMAT!r}: give a model.yaml of 'massprops diagnose'"
+        )
     document = read(ModelFile, unread(ModelFile, content, str(path))[0], str(path))
     known = effects()
     sizes: dict[str, np.ndarray | None] = {}
@@ -185,9 +187,9 @@ def load_model(path: str | Path) -> Model:
     if inertia is not None:
         moments = np.linalg.eigvalsh(inertia)
         if not is_physical(moments, 1e-9):
-            said = ", ".join(f"{m:.4g}" for m in moments)
+            moments_text = ", ".join(f"{m:.4g}" for m in moments)
             raise InputError(
-                f"{path}: principal moments {said} break the triangle inequality, so no body has them: correct inertia"
+                f"{path}: principal moments {moments_text} break the triangle inequality, so no body has them: correct inertia"
             )
     attitude = document.attitude
     if attitude is not None:

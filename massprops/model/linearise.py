@@ -186,7 +186,7 @@ def _of_tracks(
     model = at.state.model
     pm, ps = model.flat(True), model.flat(False)
     slopes = pixel_jacobian(problem.cameras, m.seen, at.motion, body_points(at, m), model.sensed, ps)
-    e, own = m.seen.epoch, by.sensed_from
+    e, first_sensed = m.seen.epoch, by.sensed_from
     turn, path = slopes.turn @ by.turn[e], slopes.place @ at.dr[e]
     if slopes.rate is not None:
         turn += slopes.rate @ by.rate[e]
@@ -195,12 +195,12 @@ def _of_tracks(
     # column by column of `turn_columns` and `path_columns` this takes several times as long
     J = np.empty((len(m.uv), 2, by.size))
     J[:, :, :6], J[:, :, 6:12], J[:, :, INERTIA] = turn[:, :, :6], path[:, :, :6], turn[:, :, 6:11]
-    J[:, :, BODY_SIZE:own] = turn[:, :, 11:] + path[:, :, 6:]
+    J[:, :, BODY_SIZE:first_sensed] = turn[:, :, 11:] + path[:, :, 6:]
     for effect, place, _ in model.active:
         if hasattr(effect, "shift"):
             for k, by_value in enumerate(derivatives(effect.shift, problem.times, pm[place])):
                 J[:, :, BODY_SIZE + place.start + k] += np.einsum("oij,oj->oi", slopes.point, by_value[e])
-    J[:, :, own:] = slopes.effect
+    J[:, :, first_sensed:] = slopes.effect
     J /= m.sigma[:, None, None]
     return (m.uv - slopes.uv) / m.sigma[:, None], J, slopes.point / m.sigma[:, None, None]
 

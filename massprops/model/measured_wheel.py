@@ -30,8 +30,8 @@ def measured_wheel(rotor: RotorSeries, first: int, last: int, zero: int) -> Modu
             f"rotor0 reaches from {a:.4g} to {b:.4g} s and the record from 0 to {end:.4g} s: give the wheel's rate over all of the "
             "record, or cut the record to it"
         )
-    own = slice(max(int(np.searchsorted(stamp, first)) - 1, 0), int(np.searchsorted(stamp, last)) + 2)
-    times, rate = (stamp[own] - zero) * 1e-9, rate[own]
+    in_record = slice(max(int(np.searchsorted(stamp, first)) - 1, 0), int(np.searchsorted(stamp, last)) + 2)
+    times, rate = (stamp[in_record] - zero) * 1e-9, rate[in_record]
     if not np.any(rate):
         raise InputError("rotor0 shows no turning wheel in this record: give rates that are not all zero, or remove it")
     block = max(1, len(times) // MOST_SAMPLES)

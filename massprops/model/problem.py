@@ -152,11 +152,11 @@ def problem_of(sequence: Sequence, most_features: int = 300) -> Problem:
             warnings.append(apart)
     sigma_px = np.array([_sigma_px(sequence.cameras[k], k, warnings) for k in numbers])
     span = sequence.range or RangeSeries(np.zeros(0, int), np.zeros(0))
-    said = "range0 states no sigma_m: {:.3g} m estimated from the data"
-    ranges, sigma_range = _on_epochs(stamp, span.timestamp_ns, span.range_m, span.sigma_m, said, warnings)
+    template = "range0 states no sigma_m: {:.3g} m estimated from the data"
+    ranges, sigma_range = _on_epochs(stamp, span.timestamp_ns, span.range_m, span.sigma_m, template, warnings)
     turning = sequence.rates or RateSeries(np.zeros(0, int), np.zeros((0, 3)))
-    said = "imu0 states no noise: {:.3g} rad/s estimated from the data"
-    rates, sigma_rate = _on_epochs(stamp, turning.timestamp_ns, turning.w, turning.sigma, said, warnings)
+    template = "imu0 states no noise: {:.3g} rad/s estimated from the data"
+    rates, sigma_rate = _on_epochs(stamp, turning.timestamp_ns, turning.w, turning.sigma, template, warnings)
     attitude, sigma_attitude = np.full((n, 4), np.nan), np.full(n, np.nan)
     if sequence.attitude is not None and len(sequence.attitude.q):
         at = np.searchsorted(stamp, sequence.attitude.timestamp_ns)
@@ -319,10 +319,10 @@ def _thinned(rates: RateSeries, warnings: list[str]) -> tuple[RateSeries, int]:
     turn = float(np.sum(np.linalg.norm(w[1:], axis=1) * np.diff(times)))
     degree = int(min(4 + round(2 * turn), len(times) // 8, 60))
     fit = np.polynomial.chebyshev.Chebyshev.fit
-    left = w - np.stack([fit(times, w[:, k], degree)(times) for k in range(3)], axis=1)
-    square = float(np.mean(left**2)) or 1e-24
+    residual = w - np.stack([fit(times, w[:, k], degree)(times) for k in range(3)], axis=1)
+    square = float(np.mean(residual**2)) or 1e-24
     length = 1
-    while length < len(times) // 8 and float(np.mean(left[length:] * left[:-length])) > CORRELATED * square:
+    while length < len(times) // 8 and float(np.mean(residual[length:] * residual[:-length])) > CORRELATED * square:
         length += 1
     if length == 1:
         warnings.append(f"imu0 states no noise: {np.sqrt(square):.3g} rad/s is estimated from the data")
@@ -335,7 +335,7 @@ def _thinned(rates: RateSeries, warnings: list[str]) -> tuple[RateSeries, int]:
         return np.asarray(x[:use].reshape(count, block, *x.shape[1:]).mean(axis=1))
 
     # means closer together than the noise's memory say no more in all: each counts for less
-    sigma = float(np.sqrt(np.mean(means(left) ** 2) * max(1.0, length / block)))
+    sigma = float(np.sqrt(np.mean(means(residual) ** 2) * max(1.0, length / block)))
     stamp = rates.timestamp_ns[0] + np.round(means(times) * 1e9).astype(np.int64)
     warnings.append(
         f"imu0 states no noise: {sigma:.3g} rad/s is estimated for means over {block} samples, with errors that are "

@@ -102,7 +102,7 @@ def measured(given):
         "PARAMETERS": tuple(Parameter(n, "rad s^-1", 1e-2, 1e5) for n in names),
         "MOMENTUM_UNKNOWNS": names,
         "BODY": names,
-        "BODY_NUMBERS": {n: (own, largest) for n, own in of_body.items()},
+        "BODY_NUMBERS": {n: (body_name, largest) for n, body_name in of_body.items()},
         "internal": internal,
         "momentum_columns": momentum_columns,
         "corners": None,
