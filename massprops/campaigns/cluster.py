@@ -121,13 +121,13 @@ class Cluster:
             raise InputError(
                 f"--scheduler {self.place}: it has no workers: start some with `dask worker {self.place} --nthreads 1`"
             )
-        found = self._ask_each(versions, threads)
-        if len(self.deaf) == len(found):
+        worker_answers = self._ask_each(versions, threads)
+        if len(self.deaf) == len(worker_answers):
             raise InputError(
-                f"--scheduler {self.place}: it can reach none of its {len(found)} workers: open their ports to it (option "
+                f"--scheduler {self.place}: it can reach none of its {len(worker_answers)} workers: open their ports to it (option "
                 "--worker-port of dask worker)"
             )
-        for address, theirs in found.items():
+        for address, theirs in worker_answers.items():
             if address in self.deaf:
                 continue
             if isinstance(theirs, BaseException):
@@ -150,11 +150,11 @@ class Cluster:
             return await asyncio.gather(*(asyncio.wait_for(a, REACH_S) for a in asked), return_exceptions=True)
 
         answers = dict(zip(addresses, self.client.sync(all_of_them), strict=True))
-        found = {
+        worker_answers = {
             a: answer.get(a, OSError("gone")) if isinstance(answer, dict) else answer for a, answer in answers.items()
         }
-        self.deaf |= {address for address, answer in found.items() if isinstance(answer, OSError)}
-        return found
+        self.deaf |= {address for address, answer in worker_answers.items() if isinstance(answer, OSError)}
+        return worker_answers
 
     def slots(self) -> int:
         """Number of runs at the same time: the threads of all workers that can be reached now."""
@@ -190,19 +190,19 @@ class Cluster:
         # of a key given out again, the future of before says nothing any more
         ended = [(key, future) for key, future in ended if self.flying.get(key, (None,))[0] is future]
         good = [(key, future) for key, future in ended if future.status == "finished"]
-        found: list[tuple[Hashable, list[Any]]] = []
+        replies: list[tuple[Hashable, list[Any]]] = []
         for key, future in ended:
             if future.status in ("cancelled", "lost"):
                 raise self._lost(future.status)
             if future.status == "error":
-                found.append((key, [future.exception()]))
-        found += zip([key for key, _ in good], self._gathered([future for _, future in good]), strict=False)
-        for key, _ in found:
+                replies.append((key, [future.exception()]))
+        replies += zip([key for key, _ in good], self._gathered([future for _, future in good]), strict=False)
+        for key, _ in replies:
             self.flying.pop(key, None)
         for key, _ in good:
             if key in self.flying:
                 self._give_out_again(key)
-        return found
+        return replies
 
     def _gathered(self, futures: list[Any]) -> list[Any]:
         """Results of finished tasks; none where a worker that has some cannot be reached."""

@@ -234,10 +234,10 @@ def _check_values(plan: Plan, kind: Kind) -> None:
 
 def _document(content: dict[str, Any], where: str) -> CampaignFile:
     """The keys of every campaign; those of its kind stand beside them and are checked by the kind."""
-    own = {k: v for k, v in content.items() if k in RESERVED and not (k in MAYBE_EMPTY and v is None)}
-    if own.get("name") is not None:
-        own["name"] = str(own["name"])
-    return read(CampaignFile, {"kind": "", **own}, where)
+    reserved = {k: v for k, v in content.items() if k in RESERVED and not (k in MAYBE_EMPTY and v is None)}
+    if reserved.get("name") is not None:
+        reserved["name"] = str(reserved["name"])
+    return read(CampaignFile, {"kind": "", **reserved}, where)
 
 
 def _numbers(value: Any) -> Any:

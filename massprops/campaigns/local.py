@@ -42,12 +42,12 @@ class Local:
     def wait(self, seconds: float) -> list[tuple[Hashable, list[Any]]]:
         """What has come, after at most so long: (key, replies or one exception)."""
         try:
-            found = [self.done.get(timeout=seconds)]
+            replies = [self.done.get(timeout=seconds)]
         except queue.Empty:
             return []
         while not self.done.empty():
-            found.append(self.done.get())
-        return found
+            replies.append(self.done.get())
+        return replies
 
     def close(self) -> None:
         """Gives up what is in flight and ends every process."""

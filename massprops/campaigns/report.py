@@ -44,10 +44,10 @@ def _result(result: dict[str, Any]) -> str:
     parts.append("</div>")
     if done < result["runs"]:
         parts.append('<div class="warning">This campaign is not finished: the same command continues it.</div>')
-    for own in result["tables"]:
-        rows = [[number(c, 3) if isinstance(c, float) else cell_text(c) for c in row] for row in own["rows"]]
-        parts.append(f"<h3>{text(own['title'])}</h3>{table(rows, own['columns'])}")
-        parts += [f'<p class="soft">{text(note)}</p>' for note in own.get("notes", ())]
+    for one_table in result["tables"]:
+        rows = [[number(c, 3) if isinstance(c, float) else cell_text(c) for c in row] for row in one_table["rows"]]
+        parts.append(f"<h3>{text(one_table['title'])}</h3>{table(rows, one_table['columns'])}")
+        parts += [f'<p class="soft">{text(note)}</p>' for note in one_table.get("notes", ())]
     return "".join(parts)
 
 

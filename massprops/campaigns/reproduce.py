@@ -47,5 +47,5 @@ def reproduced(
 
 def speed_of(paper: str) -> dict[str, Any]:
     """The benchmark of a paper's file, measured now on this machine."""
-    found: dict[str, Any] = plain(getattr(load_paper(paper), SPEED)())
-    return found
+    benchmark: dict[str, Any] = plain(getattr(load_paper(paper), SPEED)())
+    return benchmark

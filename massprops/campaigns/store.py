@@ -201,15 +201,15 @@ class Store:
 
     def rows(self, point: int) -> list[Row]:
         """The runs of a point in the order of their seeds, however they came."""
-        found = self.base.execute(
+        records = self.base.execute(
             "SELECT point, seed, data, error, wall_s, cpu_s, worker FROM runs WHERE point = ? ORDER BY seed", (point,)
         )
-        return [Row(p, s, json.loads(d), e, w, c, k) for p, s, d, e, w, c, k in found]
+        return [Row(p, s, json.loads(d), e, w, c, k) for p, s, d, e, w, c, k in records]
 
     def sessions(self) -> Iterator[tuple[str, str, dict[str, str], int]]:
         """Begun, place, versions and number of rows of every session."""
-        found = self.base.execute(
+        records = self.base.execute(
             "SELECT begun, place, versions, (SELECT COUNT(*) FROM runs WHERE session = sessions.id) FROM sessions ORDER BY id"
         ).fetchall()
-        for begun, place, text, count in found:
+        for begun, place, text, count in records:
             yield begun, place, json.loads(text), count

@@ -51,8 +51,8 @@ class Point:
 
     def values(self, column: str) -> np.ndarray:
         """(n,) finite numbers of a column, of the runs that did not fail."""
-        found = [r.data.get(column) for r in self.rows if r.error is None]
-        numbers = [float(v) for v in found if isinstance(v, int | float) and not isinstance(v, bool)]
+        entries = [r.data.get(column) for r in self.rows if r.error is None]
+        numbers = [float(v) for v in entries if isinstance(v, int | float) and not isinstance(v, bool)]
         array: np.ndarray = np.array(numbers, float)
         return array[np.isfinite(array)]
 
@@ -83,14 +83,14 @@ def points_of(plan: Plan, store: Store) -> list[Point]:
 
 def columns_of(points: list[Point]) -> list[str]:
     """Columns with numbers, in the order in which they first come; measured times are left out."""
-    found: dict[str, None] = {}
+    columns: dict[str, None] = {}
     for point in points:
         for row in point.rows:
             for name, value in row.data.items():
                 number = isinstance(value, int | float) and not isinstance(value, bool)
                 if number and not name.startswith(MEASURED) and name != "seed":
-                    found[name] = None
-    return list(found)
+                    columns[name] = None
+    return list(columns)
 
 
 def summary(values: np.ndarray) -> dict[str, float | int | None]:

@@ -13,7 +13,7 @@ WIDTH = 120
 
 def text_of(document: dict[str, Any]) -> str:
     """The tables of a campaign: its kind's own, then percentiles of every column, then what failed."""
-    parts = [own_table(own) for own in document["tables"]]
+    parts = [own_table(kind_table) for kind_table in document["tables"]]
     if not parts:
         parts = [_percentiles(document)]
     if document["failures"]:

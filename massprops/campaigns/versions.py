@@ -16,17 +16,17 @@ def versions() -> dict[str, str]:
     """Versions of Python (without the patch level), of massprops with a digest of its source, and of the arithmetic."""
     import massprops
 
-    found = {
+    installed = {
         "python": f"{sys.version_info.major}.{sys.version_info.minor}",
         "massprops": massprops.__version__,
         "source": _digest(Path(massprops.__file__).parent),
     }
     for name in PACKAGES:
         try:
-            found[name] = version(name)
+            installed[name] = version(name)
         except PackageNotFoundError:
-            found[name] = "none"
-    return found
+            installed[name] = "none"
+    return installed
 
 
 def _digest(folder: Path) -> str:

@@ -106,18 +106,18 @@ class Process:
             return "memory" if memory_of(self.child.pid) > most else ""
 
         try:
-            found = self.listener.next(time_s, None if memory_mb is None else too_large, LOOK_S)
+            answer = self.listener.next(time_s, None if memory_mb is None else too_large, LOOK_S)
         except Silence as silence:
             if silence.why == "ended":
                 return self._died()
             self.end()
             limit = f"{time_s:g} s" if silence.why == "time" else f"{memory_mb:g} MB"
-            said = f"over its {silence.why} limit of {limit}"
-            return Reply(failure=silence.why, message=said, wall_s=time.monotonic() - begun)
-        spent = {"wall_s": found["wall_s"], "cpu_s": found["cpu_s"], "versions": self.versions}
-        if "raised" in found:
-            return Reply(failure="raised", message=found["raised"], **spent)
-        return Reply(found["rows"], **spent)
+            message = f"over its {silence.why} limit of {limit}"
+            return Reply(failure=silence.why, message=message, wall_s=time.monotonic() - begun)
+        spent = {"wall_s": answer["wall_s"], "cpu_s": answer["cpu_s"], "versions": self.versions}
+        if "raised" in answer:
+            return Reply(failure="raised", message=answer["raised"], **spent)
+        return Reply(answer["rows"], **spent)
 
     def _died(self) -> Reply:
         with contextlib.suppress(subprocess.TimeoutExpired):

@@ -43,10 +43,10 @@ def _run(values: dict[str, Any], seed: int) -> dict[str, Any]:
 
     try:
         simulated = simulate_tracks(estimate.scenario_of(values, seed))
-        found = diagnose(simulated.sequence)
+        diagnosis = diagnose(simulated.sequence)
     except NotPossible as stop:
         return {"error": f"not possible: {stop}"}
-    return judged(found.document, set(simulated.truth["effects"]))
+    return judged(diagnosis.document, set(simulated.truth["effects"]))
 
 
 def judged(document: dict[str, Any], acted: set[str]) -> dict[str, Any]:

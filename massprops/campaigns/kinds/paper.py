@@ -43,10 +43,10 @@ def _cases(fixed: dict[str, Any], grid: dict[str, Any]) -> list[str]:
 def parameters(fixed: dict[str, Any], grid: dict[str, Any]) -> list[str]:
     """`paper`, `case`, and what the set-ups of its cases hold."""
     paper = load_paper(fixed["paper"])
-    found: dict[str, None] = {"paper": None, "case": None}
+    names: dict[str, None] = {"paper": None, "case": None}
     for case in _cases(fixed, grid):
-        found.update(dict.fromkeys(_flat(paper.configuration(case))))
-    return list(found)
+        names.update(dict.fromkeys(_flat(paper.configuration(case))))
+    return list(names)
 
 
 def _flat(content: dict[str, Any], before: str = "") -> list[str]:
@@ -65,21 +65,21 @@ def set_up(values: dict[str, Any]) -> dict[str, Any]:
         InputError: the case has no such value, or it is of another kind.
     """
     paper = load_paper(values["paper"])
-    found: dict[str, Any] = copy.deepcopy(paper.configuration(values["case"]))
+    setup: dict[str, Any] = copy.deepcopy(paper.configuration(values["case"]))
     for name, value in values.items():
         if name in ("paper", "case"):
             continue
         *path, last = name.split(".")
-        part = found
+        part = setup
         for key in path:
             part = part.get(key) if isinstance(part, dict) else None
         if not isinstance(part, dict) or last not in part:
-            raise unknown(f"parameter of {values['paper']} {values['case']}", name, _flat(found))
+            raise unknown(f"parameter of {values['paper']} {values['case']}", name, _flat(setup))
         old = part[last]
         if _kind_name(old) != _kind_name(value) and old is not None:
             raise InputError(f"{name} {excerpt(value)}: give {_kind_name(old)} like {old!r}")
         part[last] = value
-    return found
+    return setup
 
 
 def _kind_name(value: Any) -> str:
@@ -116,7 +116,7 @@ def runs(values: dict[str, Any], seeds: list[int], folder: Path | None) -> list[
 def tables(plan: Any, points: list[Any]) -> list[dict[str, Any]]:
     """The paper's table of every point, ours beside theirs."""
     paper = load_paper(plan.fixed["paper"])
-    found = []
+    paper_tables = []
     for point in points:
         case = point.parameters["case"]
         table = dict(paper.table(case, point.dictionaries()))
@@ -124,8 +124,8 @@ def tables(plan: Any, points: list[Any]) -> list[dict[str, Any]]:
         if changes or plan.draw:
             changed = ", ".join([f"{k} {v}" for k, v in changes.items()] + [f"{k} drawn" for k in plan.draw])
             table["title"] = f"{table['title']} — with {changed}"
-        found.append({"case": case, **table})
-    return found
+        paper_tables.append({"case": case, **table})
+    return paper_tables
 
 
 def boxes(plan: Any) -> list[str] | None:

@@ -26,10 +26,10 @@ def prepared(
     if given is None and "video" not in grid:
         raise InputError(f"{where}: no videos: give a list of videos, folders of images or sequence folders")
     if given is not None:
-        found: list[str] = []
+        paths: list[str] = []
         for entry in given if isinstance(given, list) else [given]:
-            found += _paths(str(entry), folder, where)
-        grid = {"video": list(dict.fromkeys(found)), **grid}
+            paths += _paths(str(entry), folder, where)
+        grid = {"video": list(dict.fromkeys(paths)), **grid}
     elif isinstance(grid["video"], list):
         grid = {**grid, "video": [p for entry in grid["video"] for p in _paths(str(entry), folder, where)]}
     for name in ("masks", "sparse"):
@@ -43,10 +43,10 @@ def _paths(entry: str, folder: Path, where: str) -> list[str]:
     if path.exists():
         return [str(path.resolve())]
     root = Path(path.anchor)
-    found = sorted(str(p.resolve()) for p in root.glob(str(path.relative_to(root))))
-    if not found:
+    matches = sorted(str(p.resolve()) for p in root.glob(str(path.relative_to(root))))
+    if not matches:
         raise InputError(f"{where}: videos: {path}: no such file or folder")
-    return found
+    return matches
 
 
 def parameters(fixed: dict[str, Any], grid: dict[str, Any]) -> list[str]:
@@ -100,15 +100,15 @@ def _run(values: dict[str, Any], seed: int, folder: Path | None) -> dict[str, An
     run = reconstruct(values["video"], place, seed=seed, **options)
     row: dict[str, Any] = {"run": f"runs/{folder.name}/{place.name}", "exit_code": run.exit_code}
     if (place / "massprops.json").is_file():
-        found = run.properties
-        flat = {**found, **(found.get("inertia_ratios") or {})}
+        properties = run.properties
+        flat = {**properties, **(properties.get("inertia_ratios") or {})}
         row |= {name: flat[name] for name in SHOWN if isinstance(flat.get(name), int | float)}
-        row |= {f"I{k + 1}": value for k, value in enumerate(found.get("principal_moments") or ())}
-        row["observed"] = (found.get("surface") or {}).get("observed_fraction")
-        row["registered"] = (found.get("images") or {}).get("registered")
-        bounds = (found.get("interval_90") or {}).get("volume")
-        if bounds and found.get("volume"):
-            row["volume_interval_relative"] = (bounds[1] - bounds[0]) / found["volume"]
+        row |= {f"I{k + 1}": value for k, value in enumerate(properties.get("principal_moments") or ())}
+        row["observed"] = (properties.get("surface") or {}).get("observed_fraction")
+        row["registered"] = (properties.get("images") or {}).get("registered")
+        bounds = (properties.get("interval_90") or {}).get("volume")
+        if bounds and properties.get("volume"):
+            row["volume_interval_relative"] = (bounds[1] - bounds[0]) / properties["volume"]
     row = {k: v for k, v in row.items() if v is not None and not (isinstance(v, float) and not math.isfinite(v))}
     if run.exit_code:
         row["error"] = " ".join(run.reason.split()) or f"exit code {run.exit_code}"

@@ -39,11 +39,11 @@ def scores(
     turn = np.einsum("nji,njk->nik", rotation_matrix(truth["q"]), T)
     match = np.einsum("sij,nij->ns", SYMMETRIES, turn)
     begin = int(np.searchsorted(times, c["occlusions_s"][0][0])) - 1
-    own = int(np.argmax(match[begin])) if np.isfinite(match[begin]).all() else 0
+    first_frame = int(np.argmax(match[begin])) if np.isfinite(match[begin]).all() else 0
     angle = np.degrees(np.arccos(np.clip((match - 1) / 2, -1, 1)))
-    fixed = np.where(np.isfinite(angle[:, own]), angle[:, own], 180.0)
+    fixed = np.where(np.isfinite(angle[:, first_frame]), angle[:, first_frame], 180.0)
     nearest = np.where(np.isfinite(angle).all(axis=1), angle.min(axis=1), 180.0)
-    frame = SYMMETRIES[own]
+    frame = SYMMETRIES[first_frame]
     w = np.nan_to_num(np.linalg.norm(run.w - truth["w"] @ frame, axis=1), nan=1e3)
     points = np.nan_to_num(np.linalg.norm(run.last.features - f @ frame, axis=1), nan=1e3)
     moments = np.diag(frame.T @ np.diag(c["inertia_kg_m2"]) @ frame)
@@ -68,7 +68,7 @@ def scores(
         "nearest_deg end": rms(nearest[late]),
         "unique_deg before": rms(angle[before, unique]),
         "unique_deg end": rms(np.where(np.isfinite(angle[late, unique]), angle[late, unique], 180.0)),
-        "left_frame": float(np.any(np.argmax(match[begin:], axis=1) != own) or not np.isfinite(match).all()),
+        "left_frame": float(np.any(np.argmax(match[begin:], axis=1) != first_frame) or not np.isfinite(match).all()),
         "rate before": rms(w[before]),
         "rate hidden": float(w[hidden].max()),
         "rate end": rms(w[late]),

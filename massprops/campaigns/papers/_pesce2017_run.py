@@ -309,8 +309,10 @@ class _Rates:
         seen = z[:, : 8 * m].reshape(len(z), 2, m, 4)
         noise = np.full(2, self.c["image_sigma"])
         points, _ = triangulate(self.setup.cameras, np.moveaxis(seen[..., :2], 1, 2), noise, np.inf)
-        found = rates_from_flow(points @ C.T, seen[..., 2:], self.c["flow_sigma_per_s"], self.setup.cameras, C, spin)
-        self.window.append((float(self.setup.times[step]), *found))
+        from_flow = rates_from_flow(
+            points @ C.T, seen[..., 2:], self.c["flow_sigma_per_s"], self.setup.cameras, C, spin
+        )
+        self.window.append((float(self.setup.times[step]), *from_flow))
         if len(self.window) < self.c["window_steps"]:
             return None, None
         times, rates, covariance = (np.array(part) for part in zip(*self.window, strict=True))

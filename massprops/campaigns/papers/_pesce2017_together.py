@@ -79,18 +79,18 @@ def update_again(
     runs = np.flatnonzero(suspect(done.state, done.P))
     if not len(runs):
         return done
-    before, found, P0 = state.take(runs), done.state.take(runs), P[runs]
+    before, updated, P0 = state.take(runs), done.state.take(runs), P[runs]
 
     def own(s: State, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return observe(s, runs[which])
 
-    other = update(layout, before, P0, own, sigma[runs], rule, begin=mirrored(found))
+    other = update(layout, before, P0, own, sigma[runs], rule, begin=mirrored(updated))
     better = other.cost < done.cost[runs]
-    found = found.put(better, other.state.take(better))
+    updated = updated.put(better, other.state.take(better))
     answer = done.P[runs]
     answer[better] = other.P[better]
-    wide = np.sqrt(sigma[runs] ** 2 + bend(found, answer))
-    again = update(layout, before, P0, own, wide, rule, begin=found)
+    wide = np.sqrt(sigma[runs] ** 2 + bend(updated, answer))
+    again = update(layout, before, P0, own, wide, rule, begin=updated)
     P, cost, count = done.P.copy(), done.cost.copy(), done.iterations.copy()
     P[runs], cost[runs] = again.P, again.cost
     count[runs] += other.iterations + again.iterations

@@ -108,8 +108,8 @@ def runs(configuration: dict[str, Any], seeds: list[int]) -> list[dict[str, Any]
         # in small groups: memory, and the result of a run is the same in any group
         for i in range(0, len(seeds), 25):
             group = _frames(configuration, truth, level, seeds[i : i + 25])
-            for row, found in zip(rows[i : i + 25], group, strict=True):
-                row.update({f"{level:.0e} {name}": value for name, value in found.items()})
+            for row, scored in zip(rows[i : i + 25], group, strict=True):
+                row.update({f"{level:.0e} {name}": value for name, value in scored.items()})
     return rows
 
 
@@ -162,20 +162,20 @@ def _frames(c: dict[str, Any], truth: dict[str, np.ndarray], level: float, seeds
     times = truth["times"]
     measured = [_measured(c, truth, level, seed)[0] for seed in seeds]
     sigma = np.full(2, FOCAL * level)
-    found = [triangulate(_cameras(c), np.moveaxis(uv, 1, 2), sigma) for uv in measured]
-    points = np.stack([p for p, _ in found])
+    triangulated = [triangulate(_cameras(c), np.moveaxis(uv, 1, 2), sigma) for uv in measured]
+    points = np.stack([p for p, _ in triangulated])
     there = np.asarray(np.isfinite(points).all(axis=(0, 2, 3)))
     information = np.zeros((*points.shape, 3))
-    for own, (_, covariance) in zip(information, found, strict=True):
-        own[there] = inverse_of(covariance[there])
+    for point_information, (_, covariance) in zip(information, triangulated, strict=True):
+        point_information[there] = inverse_of(covariance[there])
     half, every = round(c["rate_window_s"] * c["rate_hz"] / 2), round(c["rate_every_s"] * c["rate_hz"])
     parts = []
     for seconds, end in zip(c["shape_s"], [*c["shape_s"][1:], np.inf], strict=True):
         sight = np.flatnonzero(there & (times <= end + c["rate_window_s"]))
         early = np.flatnonzero(there)[: round(seconds * c["rate_hz"])]
         q = np.full((*points.shape[:2], 4), np.nan)
-        for b, (p, own) in enumerate(zip(points, information, strict=True)):
-            q[b, sight] = attitude_of_points(p[sight], own[sight], len(early))
+        for b, (p, point_information) in enumerate(zip(points, information, strict=True)):
+            q[b, sight] = attitude_of_points(p[sight], point_information[sight], len(early))
         place, w = local_rates(times, q, half, every)
         growth = growing_inertia(q[:, place], w, (2 * half + 1) / every)
         # nothing is taken from before the shape's own time: every row rests on the past alone
@@ -243,7 +243,7 @@ def _motion(c: dict[str, Any], truth: dict[str, np.ndarray], seed: int) -> dict[
         problem = Problem.of_tracks(truth["times"], _cameras(c), uv, FOCAL * level, orbit)
         try:
             start = first_guess(problem, until_s=c["start_s"])
-            found = {
+            filter_runs = {
                 "with": followed(c, problem, start),
                 "without": followed(c, problem, start, turn),
                 "unstarted": _unstarted(c, problem),
@@ -251,9 +251,9 @@ def _motion(c: dict[str, Any], truth: dict[str, np.ndarray], seed: int) -> dict[
         except (MasspropsError, np.linalg.LinAlgError, FloatingPointError) as error:
             return {"seed": seed, "error": f"{level:.0e}: {error}"}
         unique, hidden = _unique(truth, start), _hidden(c, truth["times"])
-        for name, run in found.items():
-            own = scores(c, truth, f, run, unique, hidden)
-            row.update({f"{level:.0e} {name} {k}": v for k, v in own.items()})
+        for name, run in filter_runs.items():
+            run_scores = scores(c, truth, f, run, unique, hidden)
+            row.update({f"{level:.0e} {name} {k}": v for k, v in run_scores.items()})
     return row
 
 
@@ -369,12 +369,12 @@ def _motion_table(rows: list[dict[str, Any]], notes: list[str]) -> dict[str, Any
     out = []
     for level in LEVELS:
         for name, label in FILTERS.items():
-            left = int(sum(r[f"{level:.0e} {name} left_frame"] for r in rows))
+            frame_losses = int(sum(r[f"{level:.0e} {name} left_frame"] for r in rows))
             for percent in (50, 90, 100):
                 line: list[Any] = [f"{level:.0e}", label, percent]
                 for key, _ in SHOWN:
                     line += percentiles(column(rows, f"{level:.0e} {name} {key}"), (percent,))
-                out.append([*line, left if percent == 50 else ""])
+                out.append([*line, frame_losses if percent == 50 else ""])
     notes.append(
         "the first two share start, noise and filter and differ in the frame alone; the third, as filters are usually "
         "begun, lacks the least-squares start as well: what it loses is the start's doing, not the frame's"

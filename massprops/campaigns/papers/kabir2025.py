@@ -99,9 +99,9 @@ def _gp_run(setting: dict[str, Any], seed: int) -> dict[str, Any]:
 
 def _polhode_run(setting: dict[str, Any], seed: int) -> dict[str, Any]:
     row: dict[str, Any] = {}
-    for f, own in setting["at"].items():
-        found = _gp_run(own, seed)
-        row |= {f"{f} {key.rpartition('_')[0]}": value for key, value in found.items()}
+    for f, rate_setup in setting["at"].items():
+        results = _gp_run(rate_setup, seed)
+        row |= {f"{f} {key.rpartition('_')[0]}": value for key, value in results.items()}
     return row
 
 
@@ -148,9 +148,9 @@ def _gp_table(case: str, rows: list[dict[str, Any]], done: list[dict[str, Any]])
     limit = model.prediction_limit(set_up, three, set_up["ahead_s"])
     lines = []
     for span in set_up["spans_s"]:
-        own = [span, round(span / POLHODE_S[f], 2), *_errors(done, f"rmse_{span}")]
-        own += [*_quantiles(done, f"z_{span}", (0.5,)), *_quantiles(done, f"train_s_{span}", (0.5,))]
-        lines.append([*own, PRINTED_GP[f].get(span, "")])
+        line = [span, round(span / POLHODE_S[f], 2), *_errors(done, f"rmse_{span}")]
+        line += [*_quantiles(done, f"z_{span}", (0.5,)), *_quantiles(done, f"train_s_{span}", (0.5,))]
+        lines.append([*line, PRINTED_GP[f].get(span, "")])
     columns = ["training [s]", "polhode periods", "rmse 50 %", "90 %", "100 %", "under 1e-5", "error / own sigma"]
     return {
         "title": f"kabir2025, Figure 4 at {f} Hz: error of the process over the next 2000 s [rad]",
@@ -171,8 +171,8 @@ def _polhode_table(rows: list[dict[str, Any]], done: list[dict[str, Any]]) -> di
     for f in RATES:
         *shares, under = _errors(done, f"{f} rmse")
         rmse = column(done, f"{f} rmse")
-        own = configuration("polhode")["at"][str(f)]
-        limit = model.prediction_limit(own, three_periods(f), own["ahead_s"])
+        rate_setup = configuration("polhode")["at"][str(f)]
+        limit = model.prediction_limit(rate_setup, three_periods(f), rate_setup["ahead_s"])
         line = [f"{f} Hz", three_periods(f), *shares, rms(rmse) if len(rmse) else float("nan"), limit, under]
         lines.append([*line, *_quantiles(done, f"{f} train_s", (0.5,)), "about 1e-5"])
     columns = ["rate", "samples", "rmse [rad] 50 %", "90 %", "100 %", "rms of all", "bound", "under 1e-5"]

@@ -272,7 +272,7 @@ def _errors(
     """Errors of a state against the truth of an epoch."""
     q, w, tensor = truth["q"][at], truth["w"][at], cholesky_inertia(x.s)
     k = np.abs(ratios(tensor)[0] - ratios(np.diag(c["inertia_kg_m2"]))[0])
-    found = {
+    errors = {
         "position": np.linalg.norm(x.r - truth["r"][at]),
         "velocity": np.linalg.norm(x.v - truth["v"][at]),
         "rate": np.degrees(np.linalg.norm(rotate(x.q, x.w) - rotate(q, w))),
@@ -283,7 +283,7 @@ def _errors(
         # largest angle of the principal axes from the true ones, the body's
         "axes": np.degrees(np.arccos(np.clip(np.abs(np.diag(np.linalg.eigh(tensor)[1])), 0, 1)).max()),
     }
-    return {f"{name} {when}": value for name, value in found.items()}
+    return {f"{name} {when}": value for name, value in errors.items()}
 
 
 PARTS = {
