@@ -374,9 +374,9 @@ def _told(
         joint, off = point.covariance(held), point.at.shape - told.shape
         inertia = slice(START, START + INERTIA)
         base[:INERTIA, :INERTIA] += weight * (joint[inertia, inertia] + np.outer(off, off))
-        for a, first, effect_covariance, k in zip(point.at.active, told.active, spread, point.at.places, strict=True):
+        for a, first, mean_square, k in zip(point.at.active, told.active, spread, point.at.places, strict=True):
             by, off = a.values[1], a.values[0] - first.values[0]
-            effect_covariance += weight * (by @ joint[k, k] @ by.T + np.outer(off, off))
+            mean_square += weight * (by @ joint[k, k] @ by.T + np.outer(off, off))
     counts = {a.term.name: len(a.term.unknowns) for a in told.active}
     post = fit.posterior
     sd = {a.term.name: dict(zip(a.paces, np.sqrt(np.diag(c))[counts[a.term.name] :].tolist(), strict=True))
