@@ -190,7 +190,7 @@ def refine_along(
     hold_to_tumble(model, tumble, clock, loss)
     model.update_point_3d_errors()
     precision = tumble_precision(inner, tumble, clock, loss, free_focal, to_views(model)[0].names)
-    return Refined(honest(precision), dict[int, LensChoice]())
+    return Refined(honest(precision, options.on_table), dict[int, LensChoice]())
 
 
 @dataclass(frozen=True)

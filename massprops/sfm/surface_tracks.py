@@ -111,7 +111,7 @@ def with_surface(
     bent = bool(radial_terms if isinstance(radial_terms, int) else any(radial_terms.values()))
     adjust(trial, free_focal, bent, options.least_loss_px, threads, 20, options.constant)
     loss = robust_loss(trial, options)
-    after = honest(model_precision(trial, free_focal, radial_terms, loss, options.constant))
+    after = honest(model_precision(trial, free_focal, radial_terms, loss, options.constant), options.on_table)
     few = np.flatnonzero(np.bincount(pieces.view, minlength=len(views)) < LEAST)
     alone = _without(trial, model, {ids[i] for i in few})
     if not np.median(after.attitude) < np.median(before.attitude):
