@@ -230,6 +230,11 @@ def decide(
         # sigmas that are too small make any two bodies differ
         reason = f"the motion cannot be compared with the mesh ({best.found.name}: {best.found.because})"
         return _by_centre(reason, mesh, centre, p_centre if tumble is not None else None, free)
+    if mesh.open:
+        reason = (
+            f"{_difference(best, mesh, tests)}; but the images leave open how large the body is, as {_filled(mesh)}"
+        )
+        return unobservable(reason, tests=tests)
     hints = hints_of(best, mesh, centre, tests, free)
     return Verdict("inconsistent", p, _difference(best, mesh, tests) + ": " + hints[0], hints, best.found.name, facts)
 
@@ -258,7 +263,7 @@ def _by_centre(silent: str, mesh: MeshSide, centre: Centre | None, p: float | No
     if p is None or p >= SIGNIFICANT:
         return unobservable(silent)
     tests: dict[str, float | None] = {"centre of mass": p}
-    if centre is not None and mesh.fill_reaches(centre.place):
+    if centre is not None and (mesh.open or mesh.fill_reaches(centre.place)):
         return unobservable(
             f"{ELSEWHERE}, which its shape may explain, as {_filled(mesh)}, or its density ({silent})", tests=tests
         )

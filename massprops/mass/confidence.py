@@ -12,6 +12,8 @@ from typing import Any
 
 from massprops.core.text import counted
 
+OPEN = 1.0
+"""Half width of the volume's interval, over the volume, above which the images leave it open."""
 WIDE, TOO_WIDE = 0.05, 0.20
 """Half width of the 90 % interval of the volume, relative, above which confidence is medium and low: what a table-top
 model should reach, and what an estimate by eye and ruler does."""
@@ -279,7 +281,7 @@ def _of_placements(placements: PlacementEvidence, filled: float) -> list[Finding
 
 
 def _known(half_width: float) -> str:
-    if half_width > 1.0:
+    if half_width > OPEN:
         return "the images leave open how large the volume is: its interval is wider than twice the volume itself"
     return f"the volume is known to ±{100 * half_width:.0f} %"
 

@@ -97,6 +97,17 @@ def test_another_inertia_is_inconsistent_with_a_hint(tmp_path: Path) -> None:
     assert left["mesh"]["rms"] > 3 * left["motion"]["rms"]
 
 
+def test_a_mesh_whose_volume_is_open_contradicts_nothing(tmp_path: Path) -> None:
+    run = make_run(tmp_path / "run", TRUE_K + [0.12, -0.1])
+    content = json.loads((run / "massprops.json").read_text())
+    for times, verdict in ((2.9, "inconsistent"), (3.5, "unobservable")):
+        content["interval_90"]["volume"] = [content["volume"], times * content["volume"]]
+        (run / "massprops.json").write_text(json.dumps(content))
+        judged = crosscheck(run, report=False)
+        assert judged.verdict == verdict
+    assert "leave open how large" in judged.document["reason"]
+
+
 def test_turned_axes_are_inconsistent_though_the_ratios_agree(tmp_path: Path) -> None:
     turn = rotation_matrix(from_rotation_vector(np.radians(12) * np.array([0.6, 0.0, 0.8])))
     run = make_run(tmp_path / "run", TRUE_K, axes=turn @ AXES)
