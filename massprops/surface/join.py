@@ -55,8 +55,8 @@ def joined(
     label = _linked(tetra, facets, costs, part, deletion_cost, body, sky)
     held, apart = np.intersect1d(few, part[label]), np.setdiff1d(few, part[label])
     if not moving and one_thing and len(apart):
-        of_object = surface_faces(tetra, part == body)
-        apart = apart[[one_thing(tetra.points, of_object, surface_faces(tetra, part == k)) for k in apart]]
+        of_body = surface_faces(tetra, part == body)
+        apart = apart[[one_thing(tetra.points, of_body, surface_faces(tetra, part == k)) for k in apart]]
     if (moving or one_thing) and len(apart):
         # only what nothing else holds hangs by space that silhouettes show to be empty
         deletion_cost[body] = deletion_cost[held].sum()
