@@ -11,7 +11,7 @@ which a minimum spanning tree is kept (Mehlhorn 1988) and pruned from its leaves
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
@@ -19,8 +19,9 @@ from scipy.sparse import coo_matrix, csr_matrix
 from massprops.surface.cut import Costs, components, surface_faces
 from massprops.surface.tetra import Tetrahedra
 
-OneThing = Callable[[np.ndarray, np.ndarray, np.ndarray], bool]
-"""Whether silhouettes show two parts to be one thing, of vertices (v, 3) and the faces (f, 3), (g, 3) of each."""
+OneThing = Callable[[np.ndarray, np.ndarray, Sequence[np.ndarray]], np.ndarray]
+"""Which of some parts (k,) bool silhouettes show to be one thing with the body, of vertices (v, 3), the body's faces (f, 3) and those of
+each part."""
 
 LEVEL = 1e-3
 """Chance that the heaviest of the specks of wrong points is taken for a part."""
@@ -55,8 +56,8 @@ def joined(
     label = _linked(tetra, facets, costs, part, deletion_cost, body, sky)
     held, apart = np.intersect1d(few, part[label]), np.setdiff1d(few, part[label])
     if not moving and one_thing and len(apart):
-        of_body = surface_faces(tetra, part == body)
-        apart = apart[[one_thing(tetra.points, of_body, surface_faces(tetra, part == k)) for k in apart]]
+        of_body, *of_parts = (surface_faces(tetra, part == k) for k in (body, *apart))
+        apart = apart[one_thing(tetra.points, of_body, of_parts)]
     if (moving or one_thing) and len(apart):
         # only what nothing else holds hangs by space that silhouettes show to be empty
         deletion_cost[body] = deletion_cost[held].sum()
