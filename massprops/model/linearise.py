@@ -44,9 +44,14 @@ class Residuals:
         return self.tracks, self.range[:, None], self.rates, self.attitude
 
     @property
+    def norms_by_kind(self) -> tuple[np.ndarray, ...]:
+        """(k,) of each kind, the length of each residual over the root of its dimension: what robust weights go by."""
+        return tuple(np.sqrt(np.mean(part**2, axis=1)) for part in self.parts)
+
+    @property
     def norms(self) -> np.ndarray:
-        """Length of each residual over the root of its dimension: what robust weights go by."""
-        return np.concatenate([np.sqrt(np.mean(part**2, axis=1)) for part in self.parts])
+        """`norms_by_kind` of all kinds, in the order of `parts`."""
+        return np.concatenate(self.norms_by_kind)
 
     @property
     def squares(self) -> np.ndarray:

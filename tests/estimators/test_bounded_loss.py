@@ -123,7 +123,7 @@ def test_fits_are_compared_with_the_same_spread() -> None:
     tracks[:100] = 100.0
     one = replace(r, tracks=tracks)
     other = replace(r, tracks=np.where(np.arange(len(tracks))[:, None] < 100, 100.0, 0.999 * tracks))
-    at_first, at_last = (spread_of(x)[0] for x in (one, other))
+    at_first, at_last = (spread_of(x.norms_by_kind)[0] for x in (one, other))
     assert 1.0 < at_last < at_first
     fits: Any = [SimpleNamespace(cost=0.5 * robust(x, m)[1], residuals=x) for x in (one, other)]
     alone, alike = np.array([f.cost for f in fits]), costs_alike(fits, m)

@@ -223,12 +223,15 @@ def _hold_times(d: np.ndarray, state: BatchState, problem: Problem) -> None:
         at += len(values)
 
 
-def spread_of(r: Residuals) -> np.ndarray:
-    """(4,) how large the bulk of each kind of residuals is, in units of the noise and never below that: a model that lacks something
-    leaves the whole bulk large."""
-    kinds = zip(r.parts, (0.83, 0.674, 0.888, 0.888), strict=True)
-    sizes = ((np.sqrt(np.mean(part**2, axis=1)), median) for part, median in kinds)
-    return np.array([max(1.0, float(np.median(size)) / median) if len(size) else 1.0 for size, median in sizes])
+MEDIANS = (0.83, 0.674, 0.888, 0.888)
+"""Median of the norm of each kind of residuals where they are noise of 1-sigma: of two, one, three and three dimensions."""
+
+
+def spread_of(norms: Sequence[np.ndarray]) -> np.ndarray:
+    """(4,) how large the bulk of each kind of residuals is (`Residuals.norms_by_kind`), in units of the noise and never below that: a
+    model that lacks something leaves the whole bulk large."""
+    kinds = zip(norms, MEDIANS, strict=True)
+    return np.array([max(1.0, float(np.median(norm)) / median) if len(norm) else 1.0 for norm, median in kinds])
 
 
 def robust(r: Residuals, m: Measurements, spread: np.ndarray | None = None) -> tuple[np.ndarray, float]:
@@ -240,14 +243,12 @@ def robust(r: Residuals, m: Measurements, spread: np.ndarray | None = None) -> t
     Args:
         spread: (4,) as of `spread_of`, by default that of the residuals.
     """
-    norms = r.norms
-    weights, loss = np.ones_like(norms), np.zeros_like(norms)
-    at = 0
-    for part, size in zip(r.parts, spread_of(r) if spread is None else spread, strict=True):
-        rows_of_part = slice(at, at + len(part))
-        at += len(part)
-        weights[rows_of_part] = weight_of(norms[rows_of_part] / size)
-        loss[rows_of_part] = bounded_square(norms[rows_of_part] / size) * size**2 * part.shape[1]
+    norms = r.norms_by_kind
+    spread = spread_of(norms) if spread is None else spread
+    scaled = [norm / size for norm, size in zip(norms, spread, strict=True)]
+    weights = weight_of(np.concatenate(scaled))
+    squares = zip(scaled, spread, r.parts, strict=True)
+    loss = np.concatenate([bounded_square(x) * size**2 * part.shape[1] for x, size, part in squares])
     if m.may_slide and len(r.tracks):
         tracks, feature = slice(len(r.tracks)), m.seen.feature
         of_tracks, most = track_weights(r.tracks, feature)
@@ -262,7 +263,7 @@ def costs_alike(fits: Sequence[Fit], m: Measurements) -> np.ndarray:
 
     Each has its own by chance, and what its outliers cost goes with the square of that.
     """
-    spread = np.min([spread_of(f.residuals) for f in fits], axis=0)
+    spread = np.min([spread_of(f.residuals.norms_by_kind) for f in fits], axis=0)
     costs = [f.cost + 0.5 * (robust(f.residuals, m, spread)[1] - robust(f.residuals, m)[1]) for f in fits]
     return np.where(np.isfinite(costs), costs, np.inf)
 
