@@ -41,7 +41,6 @@ class MeshSide:
         factor: final units per unit of the structure from motion.
         length: greatest length of the body [final units]; without replicates that of a ball of its inertia, which is less.
         fill: (k, 3) how far each filled face may move the centre of mass (`replicates.fill_pulls`) [final units].
-        open: whether the images leave open how large the body is.
     """
 
     document: dict[str, Any]
@@ -56,12 +55,17 @@ class MeshSide:
     factor: float
     length: float = 0.0
     fill: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
-    open: bool = False
 
     def fill_reaches(self, place: np.ndarray) -> bool:
         """Whether the filled sides, each off by its distance from what was measured, may carry the centre of mass to a place (3,)."""
         apart = place - self.centre
         return bool(np.abs(self.fill @ apart).sum() >= apart @ apart > 0)
+
+    @property
+    def open(self) -> bool:
+        """Whether the images leave open how large the body is."""
+        low, high = (self.document.get("interval_90") or {}).get("volume") or (0.0, 0.0)
+        return bool(0.5 * (high - low) > OPEN * self.document["volume"])
 
     @property
     def sigma_k(self) -> np.ndarray:
@@ -112,13 +116,7 @@ def read_mesh_side(run: Path) -> MeshSide:
         factor=factor,
         length=_length(document) if replicates is None else replicates.length * factor,
         fill=np.zeros((0, 3)) if replicates is None else fill_pulls(*replicates.surface) * factor,
-        open=_open(document),
     )
-
-
-def _open(document: dict[str, Any]) -> bool:
-    low, high = (document.get("interval_90") or {}).get("volume") or (0.0, 0.0)
-    return bool(0.5 * (high - low) > OPEN * document["volume"])
 
 
 def _length(document: dict[str, Any]) -> float:

@@ -92,4 +92,5 @@ def with_silhouettes(side: Placed, views: Views, masks: list[np.ndarray], seed: 
 
 
 def picked(xyz: np.ndarray, most: int, rng: np.random.Generator) -> np.ndarray:
+    """(k, 3) at most so many of some points (n, 3), drawn without replacement, in their order."""
     return np.ascontiguousarray(xyz[np.sort(rng.permutation(len(xyz))[:most])])
