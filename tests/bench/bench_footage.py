@@ -96,11 +96,16 @@ def chosen(kind: str, count: int) -> list[tuple[str, int, dict[str, Any]]]:
     return [one for pair in zip(*found, strict=False) for one in pair][:count]
 
 
+def simulated(sequence: Path, scenario: str, **options: Any) -> tuple[Path, Truth]:
+    """The bare images of a sequence, simulated where it is not there yet, and its truth."""
+    if not (sequence / "truth" / "mesh.ply").is_file():
+        simulate(scenario, sequence, **options)
+    truth = read_truth(sequence)
+    assert truth is not None
+    return sequence / "cam0" / "data", truth
+
+
 def run_on(folder: Path, seed: int, options: dict[str, Any]) -> tuple[Run, Truth]:
     """Simulates and reconstructs what is not there yet, given the bare images and the greatest length."""
-    if not (folder / "sequence" / "truth" / "mesh.ply").is_file():
-        simulate(body(seed), folder / "sequence", seed=seed, **options)
-    truth = read_truth(folder / "sequence")
-    assert truth is not None
-    images, length = folder / "sequence" / "cam0" / "data", truth.facts["greatest_length_m"]
-    return reconstruct(images, folder / "run", scale=length, threads=1), truth
+    images, truth = simulated(folder / "sequence", body(seed), seed=seed, **options)
+    return reconstruct(images, folder / "run", scale=truth.facts["greatest_length_m"], threads=1), truth

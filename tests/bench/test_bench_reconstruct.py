@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from bench_footage import MOST, body, chosen, place, run_on
+from bench_footage import MOST, body, chosen, place, run_on, simulated
 
 from massprops.exchange.compare import compare
 from massprops.run.reconstruct import Run, reconstruct
-from massprops.sequence.truth import read_truth
 from massprops.simulation import simulate
 
 pytestmark = pytest.mark.bench
@@ -25,13 +24,11 @@ QUANTITIES = ("volume", "I1", "I2", "I3", "k1", "k2")
 
 def one(folder: Path, scenario: str, **options: Any) -> tuple[Run, dict[str, dict], dict[str, Any], float]:
     """Simulates, reconstructs from the bare images with only the greatest length given, and compares."""
-    sequence = simulate(scenario, folder / "sequence", **options)
-    truth = read_truth(sequence)
-    assert truth is not None
-    run = reconstruct(sequence / "cam0" / "data", folder / "run", scale=truth.facts["greatest_length_m"])
+    images, truth = simulated(folder / "sequence", scenario, **options)
+    run = reconstruct(images, folder / "run", scale=truth.facts["greatest_length_m"])
     if run.exit_code:
         return run, {}, {}, truth.facts["seen_lit_share"]
-    found = compare(run.folder, sequence / "truth" / "mesh.ply", free_scale=False)
+    found = compare(run.folder, folder / "sequence" / "truth" / "mesh.ply", free_scale=False)
     return run, {r["quantity"]: r for r in found.rows}, found.distances, truth.facts["seen_lit_share"]
 
 
@@ -71,11 +68,8 @@ def test_accuracy(tmp_path: Path, scenario: str, seed: int, rate: float) -> None
 def test_scatter_over_seeds(tmp_path: Path, scenario: str, seed: int, rate: float) -> None:
     """The same images with five seeds of the program: by how much its answers differ for their draws alone."""
     folder = place(tmp_path, f"{scenario}-{seed}-seeds")
-    if not (folder / "sequence" / "truth" / "mesh.ply").is_file():
-        simulate(scenario, folder / "sequence", seed=seed, frames=110, rate_deg=rate)
-    truth = read_truth(folder / "sequence")
-    assert truth is not None
-    images, length = folder / "sequence" / "cam0" / "data", truth.facts["greatest_length_m"]
+    images, truth = simulated(folder / "sequence", scenario, seed=seed, frames=110, rate_deg=rate)
+    length = truth.facts["greatest_length_m"]
     errors, holds = [], []
     for draw in range(5):
         run = reconstruct(images, folder / f"run-{draw}", scale=length, seed=draw)
