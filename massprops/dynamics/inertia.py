@@ -84,6 +84,8 @@ def project_to_physical(inertia: np.ndarray, least: float = LEAST_PART) -> np.nd
     Those hold together exactly when Sigma = tr(I)/2 - I, the second moments of mass, is positive definite.
     """
     inertia = 0.5 * (inertia + inertia.T)
+    # by a power of two, which is exact: in the norm squares of tiny numbers would be nought
+    inertia = np.ldexp(inertia, -np.frexp(np.abs(inertia).max())[1])
     trace = float(np.trace(inertia)) / 2
     if not trace > 1e-6 * np.linalg.norm(inertia):
         return np.eye(3) / 3.0
