@@ -151,6 +151,14 @@ def add_camera(scene: dict) -> bpy.types.Object:
     return found
 
 
+def frame_window(window: list | None) -> None:
+    """Draws a part of the image alone, (left, bottom, right, top) as fractions of it; the rest stays black."""
+    render = bpy.context.scene.render
+    render.use_border = window is not None
+    if window is not None:
+        render.border_min_x, render.border_min_y, render.border_max_x, render.border_max_y = window
+
+
 def place(thing: bpy.types.Object, poses: list) -> None:
     """Moves a thing through its poses at the shutter's opening, middle and closing (frames 0, 1, 2)."""
     thing.rotation_mode = "QUATERNION"
@@ -210,6 +218,7 @@ def main(work: Path) -> None:
         for thing, name in zip(moving, movers, strict=True):
             place(thing, frame[name])
         temporary = work / "frames" / f"rendering.{os.getpid()}.png"
+        frame_window(frame.get("window"))
         bpy.context.scene.frame_set(1)
         bpy.context.scene.render.filepath = str(temporary)
         bpy.ops.render.render(write_still=True)

@@ -35,6 +35,8 @@ SECONDS = 0.4
 LEAST_ASPECT = 30.0
 """Angle between the angular momentum and the line of sight [degree]: a body that turns about the line of sight shows one
 side, whatever its surface."""
+WINDOW_MARGIN = 16.0
+"""Black sky drawn about the body, for the camera's and the denoiser's filters [px]."""
 SUN = {"sun": 0.0093, "watts": 14.0, "warm": 0.0}
 """The Sun's angle [rad] and strength, at which white in full light is display white less a third."""
 
@@ -100,7 +102,14 @@ def prepare(footage: Footage, folder: Path) -> None:
         "things": [],
         "lights": [{**SUN, "at": sun}],
         "ambient": {"strength": 0.0, "warm": 0.0},
-        "frames": [{"camera": [camera.tolist()] * 3, "body": np.stack(m).tolist()} for m in moved],
+        "frames": [
+            {
+                "camera": [camera.tolist()] * 3,
+                "body": np.stack(m).tolist(),
+                "window": _window(drawn.vertices, m, focal, footage.size),
+            }
+            for m in moved
+        ],
     }
     write_pictures(work, pictures)
     np.savez(work / "body.npz", vertices=drawn.vertices, faces=drawn.faces, part=part)
@@ -141,6 +150,18 @@ def _seen(turns: np.ndarray, centre: np.ndarray, distance: float) -> list[np.nda
         pose[:3, :3], pose[:3, 3] = R, np.array([0, 0, distance]) - R @ centre
         out.append(pose)
     return out
+
+
+def _window(vertices: np.ndarray, poses: list[np.ndarray], focal: float, size: tuple[int, int]) -> list[float]:
+    """What of the image the body fills while the shutter is open: left, bottom, right, top, as fractions.
+
+    Outside it is black sky, which needs no rays.
+    """
+    seen = np.concatenate([vertices @ p[:3, :3].T + p[:3, 3] for p in poses])
+    pixels = focal * seen[:, :2] / seen[:, 2:]
+    low, high = pixels.min(0) - WINDOW_MARGIN, pixels.max(0) + WINDOW_MARGIN
+    edges = np.array([low[0], -high[1], high[0], -low[1]]) / [*size, *size] + 0.5
+    return np.clip(edges, 0.0, 1.0).tolist()
 
 
 def _surfaces(body: Body, rng: np.random.Generator) -> tuple[dict[str, np.ndarray], list[dict[str, Any]]]:
