@@ -296,7 +296,7 @@ def _require_texture(features: Features, images: int) -> None:
         raise NotPossible(
             f"only {enough} of {images} images show enough texture to be matched; "
             "use sharper, better lit images or a larger --max-size; where the object is plain, light it from the side, put "
-            "marks or powder on it, or give the poses of its images with --sparse"
+            "marks or powder on it, or give its attitudes (attitude0 of a sequence folder) or the poses of its images (--sparse)"
         )
 
 

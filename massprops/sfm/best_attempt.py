@@ -26,7 +26,8 @@ def placed(footage: FootageRecord, work: Path, options: SfmOptions, progress: Pr
     if best.registered < 3 and best.mapping.masked and is_plain(footage, best.features):
         raise NotPossible(
             "the object is plain: next to nothing on its surface can be told apart from image to image; light it from the side, "
-            "put marks or powder on it, or give the poses of its images with --sparse, so that its outlines show its shape"
+            "put marks or powder on it, or give its attitudes (attitude0 of a sequence folder) or the poses of its images (--sparse), so that "
+            "its outlines show its shape"
         )
     if best.registered < 3:
         raise NotPossible(

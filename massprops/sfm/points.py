@@ -62,14 +62,25 @@ class SparsePoints:
         rng, count = np.random.default_rng([0, 29]), 200
         way = rng.standard_normal((count, 3))
         way *= (radius * rng.random(count) ** (1 / 3) / np.linalg.norm(way, axis=1))[:, None]
-        none = np.zeros(0, np.int32)
+        return replace(
+            SparsePoints.none(),
+            id=np.arange(count),
+            xyz=centre + way,
+            rgb=np.zeros((count, 3), np.uint8),
+            error=np.zeros(count),
+        )
+
+    @staticmethod
+    def none() -> SparsePoints:
+        """No points."""
+        unseen = np.zeros(0, np.int32)
         return SparsePoints(
-            np.arange(count),
-            centre + way,
-            np.zeros((count, 3), np.uint8),
-            np.zeros(count),
-            none,
-            none,
+            np.zeros(0, np.int64),
+            np.zeros((0, 3)),
+            np.zeros((0, 3), np.uint8),
+            np.zeros(0),
+            unseen,
+            unseen,
             np.zeros((0, 2)),
         )
 

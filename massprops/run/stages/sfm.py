@@ -9,15 +9,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from massprops.errors import InputError
+from massprops.errors import InputError, NotPossible
 from massprops.run.job import Job
 from massprops.sfm.model_bytes import write_model
 
 if TYPE_CHECKING:
+    import pycolmap
+
+    from massprops.sequence.data import AttitudeSeries
     from massprops.sfm.footage import FootageRecord
     from massprops.sfm.last_adjustment import SolvedCamera
     from massprops.sfm.points import SparsePoints
     from massprops.sfm.rolling_shutter import Shutter
+    from massprops.views import Views
 
 READS = ("capture",)
 OPTIONS = ("mapper", "sparse", "focal", "motion", "masks")
@@ -40,7 +44,7 @@ def run(job: Job) -> dict[str, Any]:
     footage = read_footage(job.work("capture"))
     if job.options.mapper not in ("incremental", "global"):
         raise InputError(f"--mapper {job.options.mapper}: unknown; use incremental or global")
-    document = _import(job, footage) if job.options.sparse else _solve(job, footage)
+    document = _import(job, footage) if job.options.sparse else _placed(job, footage)
     for line in document["warnings"]:
         job.warn(line)
     (job.out / "sfm.json").write_text(json.dumps(document, indent=1))
@@ -48,6 +52,45 @@ def run(job: Job) -> dict[str, Any]:
     return (
         facts if document["imported"] else {**facts, "lens": document["lens"], "shutter": document["shutter"]["state"]}
     )
+
+
+def _placed(job: Job, footage: FootageRecord) -> dict[str, Any]:
+    """By what the images have in common; where that is not enough, by attitudes that the sequence gives."""
+    try:
+        return _solve(job, footage)
+    except NotPossible as error:
+        given = _attitudes(Path(job.options.source)) if footage.motion == "tumbling" else None
+        if given is None:
+            raise
+        shutil.rmtree(job.out / "tmp", ignore_errors=True)
+        return _by_attitudes(job, footage, given, str(error))
+
+
+def _attitudes(source: Path) -> AttitudeSeries | None:
+    if not (source / "attitude0" / "data.csv").is_file():
+        return None
+    from massprops.sequence.read import read_sequence
+
+    return read_sequence(source).attitude
+
+
+def _by_attitudes(job: Job, footage: FootageRecord, given: AttitudeSeries, because: str) -> dict[str, Any]:
+    """Writes what `_import` does; because: why the images did not place themselves."""
+    from massprops.sfm.given_attitudes import place_by_attitudes
+    from massprops.sfm.points import SparsePoints
+
+    job.progress(0, 1, "placing by attitudes and outlines")
+    try:
+        placed = place_by_attitudes(footage, given, job.seed)
+    except NotPossible as error:
+        raise NotPossible(f"{because}. By attitude0 they could not be placed either: {error}") from error
+    job.progress(1, 1, "placing by attitudes and outlines")
+    line = (
+        f"the images were placed by attitude0 and the object's outlines, which miss each other by {placed.path.error_px:.1f} px, "
+        f"as they have too little in common: {because}"
+    )
+    np.savez(job.out / "precision.npz", attitude=placed.sigma)
+    return _given(job, footage, (placed.model, placed.views, SparsePoints.none()), [line, *placed.warnings])
 
 
 def _solve(job: Job, footage: FootageRecord) -> dict[str, Any]:
@@ -151,22 +194,34 @@ def _import(job: Job, footage: FootageRecord) -> dict[str, Any]:
 
     job.progress(0, 1, "import")
     model, views, points, warnings = import_sparse(Path(str(job.options.sparse)), footage)
-    views.save(job.out / "views.npz")
-    points.save(job.out / "points.npz")
     free = not all(c.focal_source == "given" for c in footage.cameras)
     accuracy = precision(views, points, free, 0, 1.0)
     np.savez(job.out / "precision.npz", attitude=accuracy.attitude)
-    write_model(model, job.out / "sparse")
     job.progress(1, 1, "import")
+    facts = {"residual_rms_px": _finite(accuracy.rms_px), "focal_sigma_relative": _finite(accuracy.focal_relative)}
+    return _given(job, footage, (model, views, points), warnings) | facts
+
+
+def _given(
+    job: Job,
+    footage: FootageRecord,
+    placed: tuple[pycolmap.Reconstruction, Views, SparsePoints],
+    warnings: list[str],
+) -> dict[str, Any]:
+    """`sfm.json` of images whose poses were given, and its files."""
+    model, views, points = placed
+    views.save(job.out / "views.npz")
+    points.save(job.out / "points.npz")
+    write_model(model, job.out / "sparse")
     return {
         "models": [{"images": model.num_reg_images(), "points": model.num_points3D()}],
         "given": len(footage.frames),
         "registered": len(views),
         "points": len(points.xyz),
         "reprojection_error_px": _mean_error(points),
-        "residual_rms_px": _finite(accuracy.rms_px),
+        "residual_rms_px": None,
         "focal_px": float(views.K[0, 0, 0]),
-        "focal_sigma_relative": _finite(accuracy.focal_relative),
+        "focal_sigma_relative": 0.0,
         "distortion": [float(v) for v in views.distortion[0]],
         "distortion_estimated": bool(np.any(views.distortion)),
         "scale_metres_per_unit": None,

@@ -241,7 +241,7 @@ def run_masks(run: Path, truth: SceneTruth) -> dict[int, np.ndarray]:
     pixels cannot be told."""
     masks = {}
     for path in sorted((run / "masks").rglob("*.png")):
-        row, mask = truth.row(path.stem), cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        row, mask = truth.row(str(path.with_suffix(""))), cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
         if row is not None and not (mask == 128).all():
             masks[row] = mask > 127
     return masks

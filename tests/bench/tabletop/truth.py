@@ -48,8 +48,10 @@ class SceneTruth:
         """The row of an image by the name a run gives it, or None.
 
         A run names the frames of a video by their index (`000012.png`) and keeps the names of photographs, to which
-        it adds an ending where it had to convert them.
+        it adds an ending where it had to convert them. Truth is of the first camera: images of a second one have no row.
         """
+        if Path(image).parent.name == "cam1":
+            return None
         name = Path(image).name
         if any(self.names):
             for candidate in (name, Path(name).stem):
@@ -130,8 +132,8 @@ def truth_arrays(
 
 
 def scene_input(folder: Path) -> Path:
-    """What a user would give to the tool: the video or the folder of photographs."""
-    return folder / "photos" if (folder / "photos").is_dir() else folder / "cam0.mp4"
+    """What a user would give to the tool: the video, the folder of photographs, or a sequence folder."""
+    return next((folder / f for f in ("photos", "sequence") if (folder / f).is_dir()), folder / "cam0.mp4")
 
 
 def scene_folders(root: Path) -> list[Path]:

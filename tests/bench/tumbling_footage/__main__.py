@@ -20,7 +20,7 @@ from tabletop.table import HEAD, line
 from tabletop.truth import scene_folders
 
 from tumbling_footage.bodies import KINDS
-from tumbling_footage.footage import POOR, Footage, develop, prepare
+from tumbling_footage.footage import POOR, SENSORS, Footage, develop, prepare
 
 
 def main() -> None:
@@ -32,6 +32,9 @@ def main() -> None:
     render.add_argument("kind", choices=list(KINDS))
     render.add_argument("numbers", nargs="+", type=int)
     render.add_argument("--poor", choices=POOR, default="")
+    render.add_argument(
+        "--sensors", choices=SENSORS, default="", help="a sequence folder with attitudes or a second camera"
+    )
     render.add_argument("--frames", type=int, default=88, help="of a new body; the same motion, shown shorter")
     judge = verbs.add_parser("judge", help="run the tool on bodies and judge it")
     judge.add_argument("names", nargs="+")
@@ -42,7 +45,8 @@ def main() -> None:
     if chosen.verb == "list":
         print("\n".join(sorted(there)))
     elif chosen.verb == "render":
-        wanted = [Footage(kind=chosen.kind, number=n, poor=chosen.poor, frames=chosen.frames) for n in chosen.numbers]
+        how = {"poor": chosen.poor, "sensors": chosen.sensors, "frames": chosen.frames}
+        wanted = [Footage(kind=chosen.kind, number=n, **how) for n in chosen.numbers]
         jobs = [Job(name=f.name, prepare=partial(prepare, f), develop=partial(develop, f)) for f in wanted]
         render_all(jobs, root)
     else:

@@ -6,6 +6,7 @@ end. `POOR` names what can be wrong with the footage.
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,13 +14,16 @@ from typing import Any
 import cv2
 import numpy as np
 import trimesh
+from scipy.spatial.transform import Rotation
 from tabletop import textures
 from tabletop.develop import display, rendered_light, sensor_noise, write_video
-from tabletop.prepare import write_pictures, write_scene
+from tabletop.prepare import FPS, write_pictures, write_scene
 from tabletop.truth import truth_arrays
 
 from massprops.dynamics.quaternion import normalise, rotation_matrix
 from massprops.dynamics.rigid_body import propagate
+from massprops.sequence.data import AttitudeSeries, Camera, Sequence
+from massprops.sequence.write import write_sequence
 from tumbling_footage.bodies import KINDS, Body, make_body
 
 SEED = 20261123
@@ -27,6 +31,13 @@ SEED = 20261123
 
 POOR = ("few", "small", "compressed", "noisy", "blurred", "eclipse")
 """16 images; 320 x 240; heavy H.264; night's noise; 2 degrees of turn an exposure; no Sun in half of the frames."""
+
+SENSORS = ("attitudes", "stereo")
+"""A sequence folder in place of a video: with the attitude of each image, or with a second camera beside the first."""
+ATTITUDE_SIGMA = 0.1
+"""Of given attitudes, per axis [degree]."""
+BASELINE = 0.1
+"""Between the two cameras, over the body's distance."""
 
 RATE = 5.0
 """Turn between two frames [degree]."""
@@ -43,18 +54,20 @@ SUN = {"sun": 0.0093, "watts": 14.0, "warm": 0.0}
 
 @dataclass(frozen=True, kw_only=True)
 class Footage:
-    """One body and what is wrong with its footage: `poor` is empty or one of `POOR`; `frames` is for all but few."""
+    """One body, what is wrong with its footage and what else is known: `poor` is empty or one of `POOR`, `sensors` empty or one of
+    `SENSORS`; `frames` is for all but few."""
 
     kind: str
     number: int
     poor: str = ""
+    sensors: str = ""
     frames: int = 88
 
     @property
     def name(self) -> str:
         """Of its folder."""
         half = "held" if self.number % 2 else "dev"
-        return "_".join(word for word in (self.kind, f"{self.number:02d}", half, self.poor) if word)
+        return "_".join(word for word in (self.kind, f"{self.number:02d}", half, self.poor, self.sensors) if word)
 
     @property
     def held_out(self) -> bool:
@@ -87,7 +100,10 @@ def prepare(footage: Footage, folder: Path) -> None:
     focal = 1.45 * width
     radius = float(np.linalg.norm(body.mesh.vertices - body.mesh.center_mass, axis=1).max())
     distance = radius * focal / (0.44 * height)
-    camera = np.eye(4)
+    cameras = [np.eye(4)]
+    if footage.sensors == "stereo":
+        cameras.append(np.eye(4))
+        cameras[1][0, 3] = BASELINE * distance
     moved = [_seen(p, body.mesh.center_mass, distance) for p in shutter]
     angle, side = np.radians(rng.uniform(20, 60)), rng.uniform(0, 2 * np.pi)
     sun = [np.sin(angle) * np.cos(side), np.sin(angle) * np.sin(side), -np.cos(angle)]
@@ -102,14 +118,7 @@ def prepare(footage: Footage, folder: Path) -> None:
         "things": [],
         "lights": [{**SUN, "at": sun}],
         "ambient": {"strength": 0.0, "warm": 0.0},
-        "frames": [
-            {
-                "camera": [camera.tolist()] * 3,
-                "body": np.stack(m).tolist(),
-                "window": _window(drawn.vertices, m, focal, footage.size),
-            }
-            for m in moved
-        ],
+        "frames": [_frame(drawn.vertices, camera, m, focal, footage.size) for camera in cameras for m in moved],
     }
     write_pictures(work, pictures)
     np.savez(work / "body.npz", vertices=drawn.vertices, faces=drawn.faces, part=part)
@@ -117,7 +126,7 @@ def prepare(footage: Footage, folder: Path) -> None:
     K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
     clock = SECONDS * np.arange(footage.count)
     middle = np.stack([m[1] for m in moved])
-    arrays = truth_arrays(body.mesh, middle, np.stack([camera] * footage.count), K, footage.size, clock, w=rates)
+    arrays = truth_arrays(body.mesh, middle, np.stack([cameras[0]] * footage.count), K, footage.size, clock, w=rates)
     np.savez(work / "truth.npz", **arrays)
     write_scene(work, document)
 
@@ -152,16 +161,18 @@ def _seen(turns: np.ndarray, centre: np.ndarray, distance: float) -> list[np.nda
     return out
 
 
-def _window(vertices: np.ndarray, poses: list[np.ndarray], focal: float, size: tuple[int, int]) -> list[float]:
-    """What of the image the body fills while the shutter is open: left, bottom, right, top, as fractions.
-
-    Outside it is black sky, which needs no rays.
+def _frame(
+    vertices: np.ndarray, camera: np.ndarray, poses: list[np.ndarray], focal: float, size: tuple[int, int]
+) -> dict[str, Any]:
+    """One image of a still camera, as the renderer reads it. Its `window` is what the body fills while the shutter is open: left, bottom,
+    right, top, as fractions. Outside it is black sky, which needs no rays.
     """
-    seen = np.concatenate([vertices @ p[:3, :3].T + p[:3, 3] for p in poses])
+    seen = np.concatenate([vertices @ p[:3, :3].T + p[:3, 3] - camera[:3, 3] for p in poses])
     pixels = focal * seen[:, :2] / seen[:, 2:]
     low, high = pixels.min(0) - WINDOW_MARGIN, pixels.max(0) + WINDOW_MARGIN
     edges = np.array([low[0], -high[1], high[0], -low[1]]) / [*size, *size] + 0.5
-    return np.clip(edges, 0.0, 1.0).tolist()
+    window = np.clip(edges, 0.0, 1.0).tolist()
+    return {"camera": [camera.tolist()] * 3, "body": np.stack(poses).tolist(), "window": window}
 
 
 def _surfaces(body: Body, rng: np.random.Generator) -> tuple[dict[str, np.ndarray], list[dict[str, Any]]]:
@@ -174,7 +185,7 @@ def _surfaces(body: Body, rng: np.random.Generator) -> tuple[dict[str, np.ndarra
 
 
 def develop(footage: Footage, folder: Path) -> None:
-    """Writes `cam0.mp4` (or `photos/` of few images), then `truth.npz`.
+    """Writes `cam0.mp4`, `photos/` of few images or `sequence/` with what else is known, then `truth.npz`.
 
     Raises:
         FileNotFoundError: a frame has not been rendered.
@@ -182,8 +193,25 @@ def develop(footage: Footage, folder: Path) -> None:
     work = folder / "work"
     with np.load(work / "truth.npz", allow_pickle=False) as z:
         truth = {k: z[k] for k in z.files}
+    document = json.loads((work / "scene.json").read_text())
+    images = _images(footage, work, len(document["frames"]))
+    if footage.poor == "few":
+        (folder / "photos").mkdir(exist_ok=True)
+        truth["names"] = np.array([f"{i:03d}.png" for i in range(footage.count)])
+        for name, image in zip(truth["names"], images, strict=True):
+            cv2.imwrite(str(folder / "photos" / str(name)), image)
+    elif footage.sensors:
+        _sequence(footage, folder / "sequence", images, truth, document)
+    else:
+        write_video(folder / "cam0.mp4", images, 34 if footage.poor == "compressed" else 17)
+    np.savez(work / "finished.npz", **truth)
+    (work / "finished.npz").replace(folder / "truth.npz")
+
+
+def _images(footage: Footage, work: Path, count: int) -> list[np.ndarray]:
+    """What the camera makes of the rendered light."""
     rng = np.random.default_rng([SEED, footage.number, 7])
-    lights = [rendered_light(work, i) for i in range(footage.count)]
+    lights = [rendered_light(work, i) for i in range(count)]
     bright = np.concatenate([light.mean(2)[light.mean(2) > 0.02][::50] for light in lights])
     gain = 0.35 / float(np.median(bright))
     images = []
@@ -191,12 +219,28 @@ def develop(footage: Footage, folder: Path) -> None:
         shadow = 0.002 if footage.poor == "eclipse" and (i // 11) % 2 else 1.0
         seen = np.clip(light * gain * shadow, 0, None)
         images.append(display(seen + sensor_noise(seen, rng, 6.0 if footage.poor == "noisy" else 1.0)))
-    if footage.poor == "few":
-        (folder / "photos").mkdir(exist_ok=True)
-        truth["names"] = np.array([f"{i:03d}.png" for i in range(footage.count)])
-        for name, image in zip(truth["names"], images, strict=True):
-            cv2.imwrite(str(folder / "photos" / str(name)), image)
-    else:
-        write_video(folder / "cam0.mp4", images, 34 if footage.poor == "compressed" else 17)
-    np.savez(work / "finished.npz", **truth)
-    (work / "finished.npz").replace(folder / "truth.npz")
+    return images
+
+
+def _sequence(
+    footage: Footage, folder: Path, images: list[np.ndarray], truth: dict[str, np.ndarray], document: dict[str, Any]
+) -> None:
+    """A sequence folder: a video for each camera, and what else is known."""
+    for number in range(len(images) // footage.count):
+        camera = folder / f"cam{number}"
+        camera.mkdir(parents=True, exist_ok=True)
+        write_video(camera / "video.mp4", images[number * footage.count : (number + 1) * footage.count], 17)
+    K, clock = truth["K"], np.rint(np.arange(footage.count) * 1e9 / FPS).astype(np.int64)
+    mount = [np.array(document["frames"][k * footage.count]["camera"][1]) for k in range(len(images) // footage.count)]
+    intrinsics = np.array([K[0, 0], K[1, 1], K[0, 2] - 0.5, K[1, 2] - 0.5])
+    cameras = {
+        k: Camera(resolution=footage.size, intrinsics=intrinsics, distortion=np.zeros(4), T_BS=T, sigma_px=None)
+        for k, T in enumerate(mount)
+    }
+    attitude = None
+    if footage.sensors == "attitudes":
+        sigma = np.radians(ATTITUDE_SIGMA)
+        noise = sigma * np.random.default_rng([SEED, footage.number, 9]).standard_normal((footage.count, 3))
+        q = (Rotation.from_rotvec(noise) * Rotation.from_matrix(truth["poses"][:, :, :3])).as_quat()[:, [3, 0, 1, 2]]
+        attitude = AttitudeSeries(clock, q, np.full(footage.count, sigma))
+    write_sequence(folder, Sequence(cameras=cameras, attitude=attitude))
