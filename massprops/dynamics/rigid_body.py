@@ -49,7 +49,7 @@ def propagate(
         times: (n,) [s], in order.
         largest_turn: [rad].
         compiled: by a compiled kernel, ten times as fast and equal but for rounding, which takes half a second to load: for real
-            numbers, where many integrations are to come.
+            numbers, where many integrations are to come. States from where its steps fail on are not numbers.
 
     Returns:
         q (n, ..., 4) unit quaternions, w (n, ..., 3) [rad/s].

@@ -66,7 +66,9 @@ class FreeRotation:
     unit: float
 
     def attitudes(self, times: np.ndarray, change: np.ndarray | None = None) -> np.ndarray:
-        """(m, n, 3, 3) body to camera at times (n,), of motions changed by (m, 11): a turn in the camera's axes, rate and inertia."""
+        """(m, n, 3, 3) body to camera at times (n,), of motions changed by (m, 11): a turn in the camera's axes, rate and inertia. Not
+        numbers from where the integration of one fails on, by an inertia far from all that bodies have.
+        """
         from scipy.spatial.transform import Rotation as Turn
 
         x = np.zeros((1, 11)) if change is None else change
@@ -78,11 +80,10 @@ class FreeRotation:
             on_side = np.flatnonzero(side)
             on_side = on_side[np.argsort(np.abs(clock[on_side]), kind="stable")]
             q, _ = propagate(q0, rate, inertia, np.r_[0.0, clock[on_side]], largest_turn=STEP_RAD, compiled=True)
-            R = (
-                Turn.from_quat(q[1:].reshape(-1, 4)[:, [1, 2, 3, 0]]).as_matrix()
-                if len(on_side)
-                else np.zeros((0, 3, 3))
-            )
+            q = q[1:].reshape(-1, 4)[:, [1, 2, 3, 0]]
+            known = np.isfinite(q).all(axis=1)
+            R = np.full((len(q), 3, 3), np.nan)
+            R[known] = Turn.from_quat(q[known]).as_matrix() if known.any() else 0.0
             out[:, on_side] = R.reshape(len(on_side), len(x), 3, 3).transpose(1, 0, 2, 3)
         return out
 
@@ -191,7 +192,8 @@ class _Motion:
         return np.concatenate([np.full(3, MOST_TURN), np.full(3, rate), np.full(5, MOST_LOG), turns])
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
-        """(m, r) of parameters (m, p): attitudes off the motion [rad], and the inertia off a sphere's."""
+        """(m, r) of parameters (m, p): attitudes off the motion [rad], and the inertia off a sphere's; no numbers where no motion has such
+        parameters, from which a fit steps back."""
         from scipy.spatial.transform import Rotation as Turn
 
         m = len(x)
@@ -200,8 +202,10 @@ class _Motion:
         for k, piece in enumerate(self.pieces):
             turned = np.tile(np.eye(3), (m, 1, 1)) if k == 0 else Turn.from_rotvec(x[:, _turn_of(k)]).as_matrix()
             fitted = P[self.at[k]] @ (turned @ self.C[k])
-            off = np.einsum("nmji,njl->nmil", fitted, piece.R)
-            out.append(Turn.from_matrix(off.reshape(-1, 3, 3)).as_rotvec().reshape(len(piece.times), m, 3))
+            off = np.einsum("nmji,njl->nmil", fitted, piece.R).reshape(-1, 3, 3)
+            turn, known = np.full((len(off), 3), np.nan), np.isfinite(off).all(axis=(1, 2))
+            turn[known] = Turn.from_matrix(off[known]).as_rotvec() if known.any() else 0.0
+            out.append(turn.reshape(len(piece.times), m, 3))
         attitude = np.concatenate(out).transpose(1, 0, 2).reshape(m, -1)
         return np.concatenate([attitude, LEAST_SIGMA / PRIOR * x[:, 6:11]], axis=1)
 
@@ -209,7 +213,7 @@ class _Motion:
         """(r, p) derivatives, by differences."""
         step = 1e-5 * np.eye(len(x))
         both = self.residuals(np.concatenate([x + step, x - step]))
-        return ((both[: len(x)] - both[len(x) :]) / 2e-5).T
+        return np.nan_to_num((both[: len(x)] - both[len(x) :]) / 2e-5).T
 
 
 def _begin(

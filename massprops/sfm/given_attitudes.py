@@ -7,7 +7,7 @@ is missing (`massprops.sfm.outline_path`).
 from __future__ import annotations
 
 import zlib  # noqa: F401  must precede pycolmap
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pycolmap

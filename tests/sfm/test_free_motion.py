@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from massprops.dynamics.rigid_body import propagate
-from massprops.sfm.free_motion import Piece, fit_centres, fit_rotation
+from massprops.sfm.free_motion import FreeRotation, Piece, fit_centres, fit_rotation
 
 INERTIA = np.diag([0.4, 0.9, 1.0])
 
@@ -94,3 +96,27 @@ def test_one_attitude_in_ten_astray_moves_a_robust_fit_little():
         for robust in (False, True)
     ]
     assert off[1] < 0.3 < 1 < off[0]
+
+
+def test_a_motion_that_no_step_can_follow_is_no_number_and_no_error():
+    """Far from all bodies' inertias the integration fails; a fit that asks for one there steps back."""
+    rng = np.random.default_rng(0)
+    motions = FreeRotation(np.eye(3), rng.normal(0, 0.6, 3), np.zeros(5), 0.0, 1.0)
+    wild = np.zeros((2, 11))
+    wild[1, 6:] = rng.uniform(-5, 5, 5)
+    R = motions.attitudes(np.arange(60.0), wild)
+    assert np.isfinite(R[0]).all()
+    assert not np.isfinite(R[1, -1]).any()
+
+
+@given(st.integers(0, 10**6))
+@settings(max_examples=40, deadline=None)
+def test_pieces_of_nonsense_are_fitted_without_an_error(seed):
+    rng = np.random.default_rng(seed)
+    own, begin = [], 0
+    for _ in range(rng.integers(1, 4)):
+        n = int(rng.integers(3, 12))
+        turns = Rotation.random(n, random_state=rng).as_matrix()
+        own.append(Piece(begin + np.arange(n, dtype=float), turns, rng.standard_normal((n, 3))))
+        begin += n + int(rng.integers(1, 20))
+    assert np.isfinite(fit_rotation(own, robust=True).rms)

@@ -230,7 +230,7 @@ def _sequence(
         camera = folder / f"cam{number}"
         camera.mkdir(parents=True, exist_ok=True)
         write_video(camera / "video.mp4", images[number * footage.count : (number + 1) * footage.count], 17)
-    K, clock = truth["K"], np.rint(np.arange(footage.count) * 1e9 / FPS).astype(np.int64)
+    K, clock = truth["K"], np.rint(np.arange(footage.count) * 1e9 / float(FPS)).astype(np.int64)
     mount = [np.array(document["frames"][k * footage.count]["camera"][1]) for k in range(len(images) // footage.count)]
     intrinsics = np.array([K[0, 0], K[1, 1], K[0, 2] - 0.5, K[1, 2] - 0.5])
     cameras = {
