@@ -7,7 +7,7 @@ is missing (`massprops.sfm.outline_path`).
 from __future__ import annotations
 
 import zlib  # noqa: F401  must precede pycolmap
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pycolmap
@@ -67,9 +67,7 @@ def place_by_attitudes(footage: FootageRecord, given: AttitudeSeries, seed: int)
     masks = [undistort(m, K, d, nearest=True) for m, K, d in zip(masks, unplaced.K, unplaced.distortion, strict=True)]
     time = 1e-9 * (unplaced.timestamp_ns - unplaced.timestamp_ns[0])
     path = outline_path(unplaced, masks, grey, time, float(np.median(sigma)), seed)
-    views = Views(
-        *(getattr(unplaced, k) for k in ("names", "timestamp_ns", "size", "K", "distortion", "R")), path.position
-    )
+    views = replace(unplaced, t=path.position)
     missing = len(footage.frames) - len(kept)
     lines = (
         [f"{counted(missing, 'image has', 'images have')} no attitude in attitude0, and were left out"]
