@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -11,7 +12,9 @@ from scipy.spatial.transform import Rotation
 
 from massprops.errors import NotPossible
 from massprops.sequence.data import AttitudeSeries
-from massprops.sfm.given_attitudes import attitudes_at
+from massprops.sfm.convert import to_views
+from massprops.sfm.footage import CameraRecord, FootageRecord, FrameRecord
+from massprops.sfm.given_attitudes import attitudes_at, place_by_attitudes
 from massprops.sfm.outline_path import outline_path
 from massprops.views import Views
 
@@ -47,6 +50,47 @@ def test_the_path_of_a_body_of_known_attitudes_is_found_up_to_its_scale() -> Non
     assert path.error_px < 1.0
     assert np.abs(900 * (path.position - true)[:, :2]).max() < 0.5
     assert np.abs((path.position - true)[:, 2]).max() < 0.003
+
+
+def footage_of(views: Views, masks: list[np.ndarray], folder: Path, focal: float | None) -> FootageRecord:
+    """A capture folder of the film."""
+    for name, mask in zip(views.names, masks, strict=True):
+        for file in (folder / "frames" / name, folder / "masks" / f"{name}.png"):
+            file.parent.mkdir(parents=True, exist_ok=True)
+            cv2.imwrite(str(file), mask)
+    camera = CameraRecord(0, (640, 480), focal, (319.5, 239.5), (0.0, 0.0, 0.0, 0.0), focal_source="given")
+    frames = tuple(
+        FrameRecord(n, 0, int(t), i) for i, (n, t) in enumerate(zip(views.names, views.timestamp_ns, strict=True))
+    )
+    return FootageRecord(folder, "seq", "sequence", "tumbling", "black", True, (camera,), frames)
+
+
+def given_at(views: Views, first: int) -> AttitudeSeries:
+    """Their attitudes from image `first` on."""
+    q = Rotation.from_matrix(views.R[first:]).as_quat()[:, [3, 0, 1, 2]]
+    return AttitudeSeries(views.timestamp_ns[first:], q, np.full(len(q), 1e-3))
+
+
+def test_the_images_of_a_film_are_placed_by_attitudes_and_outlines(tmp_path: Path) -> None:
+    views, masks, _ = filmed()
+    placed = place_by_attitudes(footage_of(views, masks, tmp_path, 900.0), given_at(views, 2), 0)
+    assert placed.views.names == views.names[2:]
+    assert placed.warnings == ("2 images have no attitude in attitude0, and were left out",)
+    size = placed.views.t[:, 2].mean() / views.t[2:, 2].mean()
+    # the camera's centres about the body, over its distance
+    assert np.abs(placed.views.centres - size * views.centres[2:]).max() < 0.005 * placed.views.t[:, 2].mean()
+    model = to_views(placed.model)[0]
+    assert np.allclose(model.t, placed.views.t) and np.allclose(model.R, placed.views.R)
+    assert np.allclose(model.K, placed.views.K)
+
+
+def test_attitudes_need_a_focal_length_and_a_common_clock(tmp_path: Path) -> None:
+    views, masks, _ = filmed(12)
+    with pytest.raises(NotPossible, match="--focal"):
+        place_by_attitudes(footage_of(views, masks, tmp_path, None), given_at(views, 0), 0)
+    late = replace(given_at(views, 0), timestamp_ns=views.timestamp_ns + 10**12)
+    with pytest.raises(NotPossible, match="covers 0 of the 12 images: both must use one clock"):
+        place_by_attitudes(footage_of(views, masks, tmp_path, 900.0), late, 0)
 
 
 def test_attitudes_of_other_axes_are_refused() -> None:
