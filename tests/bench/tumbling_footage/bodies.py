@@ -108,7 +108,8 @@ def plaster(rng: np.random.Generator) -> list[Solid]:
     """Smooth lumps grown together, one white without any detail."""
     parts: list[trimesh.Trimesh] = []
     for _ in range(int(rng.integers(3, 6))):
-        lump = trimesh.creation.icosphere(4, 1.0)
+        # finer than a pixel: facets would be texture
+        lump = trimesh.creation.icosphere(6, 1.0)
         lump.apply_scale(rng.uniform(0.3, 0.7, 3))
         # about a point under the surface of an earlier one, so that they are one body
         where = 0.85 * rng.choice(rng.choice(np.stack([p.vertices for p in parts]))) if parts else np.zeros(3)
