@@ -93,11 +93,12 @@ def silhouette_only_space(
     if len(xyz) < LEAST_RAYS:
         return None
     xyz = xyz[np.unique(np.floor(xyz / spacing).astype(np.int64), axis=0, return_index=True)[1]]
-    xyz = xyz[_views_for(views, maps, sky, xyz) >= FEWEST_AGREE]
+    shown = _views_for(views, maps, sky, xyz)
+    xyz, shown = xyz[shown >= FEWEST_AGREE], shown[shown >= FEWEST_AGREE]
     if len(xyz) < LEAST_RAYS or (sharp and not _protrudes(xyz, mesh[0], PROTRUDES * reach)):
         return None
     rng = np.random.default_rng([seed, 14])
-    xyz = xyz[np.sort(rng.permutation(len(xyz))[:MOST])]
+    xyz = xyz[_sample(shown, rng)]
     direction = unit(rng.standard_normal((len(xyz) * DIRECTIONS, 3)))
     begin = np.repeat(xyz, DIRECTIONS, axis=0)
     outline = exit_points(hull, begin, direction, 0.3 * spacing, reach)
@@ -105,6 +106,17 @@ def silhouette_only_space(
     if not len(outline):
         return None
     return SilhouetteOnly(views, maps, sky, xyz, outline)
+
+
+def _sample(shown: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Numbers of at most `MOST` places, of which so many views (k,) show each.
+
+    With a chance as the square of that (Efraimidis and Spirakis 2006): a boom that most views show has little volume beside a corner that a
+    few leave open, and without places in it no cut can keep it.
+    """
+    if len(shown) <= MOST:
+        return np.arange(len(shown))
+    return np.sort(np.argsort(np.log(rng.random(len(shown))) / shown.astype(float) ** 2)[-MOST:])
 
 
 def lit_at_times(
@@ -169,17 +181,24 @@ def _rays_that_meet_nothing(
     Args:
         edge: depth within a silhouette from which on pixels count [px]; the others as of `silhouette_only_space`.
     """
-    vertices, faces = mesh
-    maps = [
-        _missing(mask, edge, silhouette(vertices, faces, views.K[i], views.R[i], views.t[i], mask.shape[::-1]))
-        for i, mask in enumerate(masks)
-    ]
+    vertices = mesh[0]
+    maps = missed(mesh, views, masks, edge)
     low, high, reach = vertices.min(0), vertices.max(0), _extent(mesh)
     step = max(1, round(2 * spacing / hull.pixel))
     every = sum(int(np.count_nonzero(m)) for m in maps) * 2 * reach / spacing
     # where images were placed wrongly a mesh misses most of every silhouette
     step = max(step, int(np.ceil(np.sqrt(every / MOST_LOOKED_AT))))
     return maps, [_along(views, i, m, step, 0.5 * (low + high), reach, spacing) for i, m in enumerate(maps)]
+
+
+def missed(
+    mesh: tuple[np.ndarray, np.ndarray], views: Views, masks: list[np.ndarray], edge: float = SHARP_EDGE
+) -> list[np.ndarray]:
+    """Pixels (h, w) bool of each silhouette on which a mesh draws nothing; edge: depth within it from which on pixels count [px]."""
+    return [
+        _missing(mask, edge, silhouette(*mesh, views.K[i], views.R[i], views.t[i], mask.shape[::-1]))
+        for i, mask in enumerate(masks)
+    ]
 
 
 def inside_reward(
