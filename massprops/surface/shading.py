@@ -27,6 +27,7 @@ from massprops.surface.outline_cloud import body_of_hull, outline_cloud
 from massprops.surface.outline_gaps import SILHOUETTE_MARGIN, on_outlines
 from massprops.surface.reconstruct import Surface
 from massprops.surface.refine import mean_matrix, vertex_normals
+from massprops.surface.shadow import IN_SHADOW, behind_first
 from massprops.surface.unlit import brighter
 from massprops.views import Views
 
@@ -49,10 +50,6 @@ LEAST_FACING = 0.25
 """Cosine between surface and line of sight below which a pixel shows too much of the surface."""
 WHITE = 250
 """Brightness from which on a pixel may be saturated."""
-SHADOW_SIZE = 600
-"""Side of the map of what the Sun sees [px]."""
-IN_SHADOW = 3.0
-"""Depth behind what the Sun sees first, in edges of the mesh, from which a place is in its shadow."""
 OUTLINE_SIGMA = 0.7
 """1-sigma of an outline [px], beside the margin of silhouettes."""
 FAR_OUTLINE = 3.0
@@ -205,7 +202,7 @@ def _samples(vertices: np.ndarray, faces: np.ndarray, film: _Film, light: np.nda
         seen = np.flatnonzero((facing > LEAST_FACING) & (camera[:, 2] < depth + edge))
         here, there = (bilinear(image, uv[seen]).astype(float) for uv in (ahead, outward))
         keep = here < WHITE
-        free = _behind_first(vertices, faces, light @ R) < IN_SHADOW * edge
+        free = behind_first(vertices, faces, light @ R) < IN_SHADOW * edge
         lit = mask[at[seen, 1], at[seen, 0]] == 255
         ratio = [np.clip((x - sky) / (WHITE - sky), 0.0, None) for x in (here, there)]
         one = seen, np.full(len(seen), i), ratio[0], ratio[1] - ratio[0], n[seen], free[seen], lit
@@ -213,22 +210,6 @@ def _samples(vertices: np.ndarray, faces: np.ndarray, film: _Film, light: np.nda
     columns = [np.concatenate(c) for c in zip(*samples, strict=True)]
     columns[3] = columns[3] / edge
     return _Samples(*columns)
-
-
-def _behind_first(vertices: np.ndarray, faces: np.ndarray, towards: np.ndarray) -> np.ndarray:
-    """(v,) how far each vertex lies behind what is seen first from very far in a direction (3,)."""
-    ray = -towards / np.linalg.norm(towards)
-    side = np.linalg.svd(ray[None])[2][1]
-    R = np.stack([side, np.cross(ray, side), ray])
-    middle = vertices.mean(axis=0)
-    radius = float(np.linalg.norm(vertices - middle, axis=1).max())
-    far, half = 200.0 * radius, SHADOW_SIZE / 2
-    K = np.array([[0.95 * half * far / radius, 0, half], [0, 0.95 * half * far / radius, half], [0, 0, 1.0]])
-    t = np.array([0.0, 0.0, far]) - R @ middle
-    depth = rasterise(vertices, faces, K, R, t, (SHADOW_SIZE, SHADOW_SIZE))[0]
-    camera = vertices @ R.T + t
-    at = np.clip(np.rint((camera @ K.T)[:, :2] / camera[:, 2:]).astype(int), 0, SHADOW_SIZE - 1)
-    return camera[:, 2] - depth[at[:, 1], at[:, 0]]
 
 
 def _light(seen: _Samples, light: np.ndarray, power: float) -> tuple[np.ndarray, float]:

@@ -43,7 +43,7 @@ def spare_unlit(
     Returns:
         the silhouettes as they are where the body is not rounded.
     """
-    sun = _sun_of_views(views, grey, cloud, seed)
+    sun = sun_of_views(views, grey, cloud, seed)
     if sun is None:
         return masks
     middle = cloud.xyz.mean(0) @ views.R.transpose(0, 2, 1) + views.t
@@ -118,7 +118,7 @@ def _behind_any(lit: np.ndarray, towards: np.ndarray) -> np.ndarray:
     return np.asarray(back > 0)
 
 
-def _sun_of_views(views: Views, grey: list[np.ndarray], cloud: Cloud, seed: int) -> np.ndarray | None:
+def sun_of_views(views: Views, grey: list[np.ndarray], cloud: Cloud, seed: int) -> np.ndarray | None:
     """(n, 3) direction to the Sun in each view's camera, which stands still; None where one's brightness does not say."""
     out = np.zeros((len(views), 3))
     for camera_views in _of_each_camera(views):

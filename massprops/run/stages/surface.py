@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from massprops.errors import NotPossible
+from massprops.mass.confidence import OUTSIDE
 from massprops.mass.integrals import face_areas, mesh_integrals
 from massprops.mass.intervals import collapsed, valid_bodies
 from massprops.run.job import Job
@@ -453,20 +454,48 @@ def _surface(job: Job, seen: Evidence) -> tuple[Surface, list[np.ndarray], np.nd
     there when it was not. That is taken where it holds more of the part and all in all misses less of the silhouettes: without sky about a
     dish, a boom elsewhere was lost.
     """
-    from massprops.surface.silhouette_only import lit_at_times, missed, spare_where_dark
+    from massprops.surface.silhouette_only import lit_at_times, spare_where_dark
 
     surface, masks = _closed(job, seen)
     if not seen.grey or not surface.observed.any():
         return surface, masks, np.zeros((0, 3))
+    if surface.hull.outside_share > OUTSIDE:
+        surface, masks = _with_lit_sky(job, seen, surface, masks)
     lit = lit_at_times((surface.vertices, surface.faces), seen.views, masks, surface.hull, surface.spacing)
     if not len(lit):
         return surface, masks, lit
     again, spared = _closed(job, replace(seen, masks=spare_where_dark(seen.views, masks, lit)))
     near, far = (lost_share(s.vertices, lit, FAR * surface.spacing) for s in (again, surface))
+    return (again, spared, lit) if near < far and _misses_less(seen, again, surface) else (surface, masks, lit)
+
+
+def _with_lit_sky(
+    job: Job, seen: Evidence, surface: Surface, masks: list[np.ndarray]
+) -> tuple[Surface, list[np.ndarray]]:
+    """The surface without the sky before sides that would not be lit, where that misses less of the silhouettes; else as it was given."""
+    from massprops.surface.lit_sky import sky_where_lit
+
+    def closed(shown: list[np.ndarray]) -> Surface:
+        return _closed(job, replace(seen, masks=shown, balance=None))[0]
+
+    try:
+        shown = sky_where_lit(seen.views, seen.masks, seen.grey, seen.cloud, closed, job.seed)
+        if shown is None:
+            return surface, masks
+        again, shown = _closed(job, replace(seen, masks=shown))
+    except NotPossible:
+        return surface, masks
+    return (again, shown) if _misses_less(seen, again, surface) else (surface, masks)
+
+
+def _misses_less(seen: Evidence, one: Surface, other: Surface) -> bool:
+    """Whether one surface misses fewer of the silhouettes' pixels than the other."""
+    from massprops.surface.silhouette_only import missed
+
     less, more = (
-        sum(map(np.count_nonzero, missed((s.vertices, s.faces), seen.views, seen.masks))) for s in (again, surface)
+        sum(np.count_nonzero(m) for m in missed((s.vertices, s.faces), seen.views, seen.masks)) for s in (one, other)
     )
-    return (again, spared, lit) if near < far and less < more else (surface, masks, lit)
+    return bool(less < more)
 
 
 def _closed(job: Job, seen: Evidence) -> tuple[Surface, list[np.ndarray]]:

@@ -1,0 +1,83 @@
+"""Sky beside a body of which one side alone is lit: evidence only where the body would be lit.
+
+A pixel as dark as the sky shows no body there, or a side that the Sun does not reach. Stereo measures a side when it is lit, and
+in other images sees sky there: of a CubeSat that turned half of its sides away, up to a third of the images said that measured
+points are not there. A hull that is held back for their sake carves nothing where they are right, and what was never measured, such as
+a white end, all the same.
+
+Where the body would be lit follows from its shape. So a first shape is made with the sky that counts in any case (towards the Sun
+from all that is lit, `massprops.surface.unlit.spare_behind_light`), which is too large; its sides that turn away from the Sun or lie in
+its shadow take the sky before them out of the evidence, and the rest of the sky carves it, twice. From a shape that is too small it
+does not come back: in a crater that was carved by mistake there are walls which would be lit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from massprops.geometry.rasterise import rasterise
+from massprops.surface.cloud import Cloud
+from massprops.surface.reconstruct import Surface
+from massprops.surface.refine import vertex_normals
+from massprops.surface.shadow import IN_SHADOW, behind_first
+from massprops.surface.unlit import spare_behind_light, sun_of_views
+from massprops.views import AMBIGUOUS, Views
+
+ROUNDS = 2
+"""Shapes that are made on the way."""
+GRAZING = 0.1
+"""Cosine between a side and the Sun up to which it may be too dark to tell from the sky."""
+WIDER = 2
+"""Distance beyond an unlit side at which sky is still none of the evidence, as outlines are known to that [px]."""
+
+
+def sky_where_lit(
+    views: Views,
+    masks: list[np.ndarray],
+    grey: list[np.ndarray],
+    cloud: Cloud,
+    closed: Callable[[list[np.ndarray]], Surface],
+    seed: int = 0,
+) -> list[np.ndarray] | None:
+    """Silhouettes (h, w) of a body before a black sky in which sky is 128, no evidence, where the body would not be lit; None where
+    its brightness does not tell the Sun's direction.
+
+    Args:
+        views, masks, grey, cloud, seed: as for `massprops.surface.unlit.spare_unlit`.
+        closed: makes a surface from such silhouettes.
+    """
+    towards = sun_of_views(views, grey, cloud, seed)
+    if towards is None:
+        return None
+    out = spare_behind_light(views, masks, grey)
+    for _ in range(ROUNDS):
+        surface = closed(out)
+        out = spare_where_unlit(views, masks, (surface.vertices, surface.faces), towards, surface.spacing)
+    return out
+
+
+def spare_where_unlit(
+    views: Views, masks: list[np.ndarray], mesh: tuple[np.ndarray, np.ndarray], towards: np.ndarray, spacing: float
+) -> list[np.ndarray]:
+    """Silhouettes (h, w) in which sky is 128 before the sides of a mesh that no light reaches.
+
+    Args:
+        mesh: vertices (v, 3) and faces (f, 3), in the views' world, with edges of length `spacing`.
+        towards: (n, 3) to the Sun, in each view's camera.
+    """
+    import cv2
+
+    vertices, faces = mesh
+    normal = vertex_normals(vertices, faces)
+    wider = cv2.getStructuringElement(cv2.MORPH_RECT, (2 * WIDER + 1,) * 2)
+    out = []
+    for i, mask in enumerate(masks):
+        sun = views.R[i].T @ towards[i]
+        dark = (normal @ sun < GRAZING) | (behind_first(vertices, faces, sun) > IN_SHADOW * spacing)
+        face = rasterise(vertices, faces, views.K[i], views.R[i], views.t[i], mask.shape[::-1])[1]
+        unlit = (face >= 0) & (dark[faces].sum(axis=1) >= 2)[face]
+        near = cv2.dilate(unlit.astype(np.uint8), wider) > 0
+        out.append(np.where((mask == 0) & near, np.uint8(AMBIGUOUS), mask))
+    return out
