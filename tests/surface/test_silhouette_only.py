@@ -160,3 +160,13 @@ def test_what_few_images_show_is_no_part() -> None:
         for i, m in enumerate(masks)
     ]
     assert not len(silhouette_only.lit_at_times(block, views, seen, hull, 0.02))
+
+
+def test_of_too_many_places_those_that_most_views_show_are_kept() -> None:
+    """A boom that 50 views show has a hundredth of the volume of a corner that 10 leave open."""
+    shown = np.concatenate([np.full(600, 50), np.full(60_000, 10)])
+    kept = silhouette_only._sample(shown, np.random.default_rng(0))
+    assert len(kept) == silhouette_only.MOST and np.array_equal(kept, np.unique(kept))
+    assert np.count_nonzero(kept < 600) > 500
+    few = silhouette_only._sample(shown[:700], np.random.default_rng(0))
+    assert np.array_equal(few, np.arange(700))
