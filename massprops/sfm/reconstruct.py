@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import zlib  # noqa: F401  must precede pycolmap
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import pycolmap
 
 from massprops.core.progress import Progress, silent
+from massprops.errors import NotPossible
 from massprops.sfm.attempt import ModelInputs, SfmOptions
 from massprops.sfm.best_attempt import placed
 from massprops.sfm.contradictions import contradictions
@@ -23,6 +25,7 @@ from massprops.sfm.grown_film import (
     unfolded,
     with_pieces,
 )
+from massprops.sfm.held_focal import release, with_held_focal
 from massprops.sfm.joined_models import join_models
 from massprops.sfm.last_adjustment import SfmResult, corrected_by_shutter, finish, refine_options, with_shutter
 from massprops.sfm.left_out_images import add_left_out_images
@@ -36,20 +39,41 @@ def reconstruct(
 ) -> SfmResult:
     """Structure from motion of a footage; `work` is an empty folder for the database and raw models.
 
+    A film that is refused is tried once more with its focal length held at first (`massprops.sfm.held_focal`).
+
     Raises:
         NotPossible: fewer than three images can be placed, or the views do not turn around the object.
         InputError: an image or a mask that cannot be used.
     """
     options = options or SfmOptions()
     quiet()
-    attempt = placed(footage, work, options, progress)
+    try:
+        return _reconstruct(footage, work, options, progress, None)
+    except NotPossible:
+        held = with_held_focal(footage)
+        if held is None:
+            raise
+        shutil.rmtree(work)
+        work.mkdir()
+        try:
+            return _reconstruct(footage, work, options, progress, held)
+        except NotPossible:
+            pass
+        raise
+
+
+def _reconstruct(
+    footage: FootageRecord, work: Path, options: SfmOptions, progress: Progress, held: FootageRecord | None
+) -> SfmResult:
+    """As `reconstruct`; held: the footage with a focal length to begin with."""
+    attempt = placed(held or footage, work, options, progress)
     if attempt.moved:  # what is about the object tells nothing of where it was
         footage = replace(footage, motion="tumbling")
     warnings = list(attempt.warnings)
     tumbling = is_film(footage) and footage.motion == "tumbling"
     settings = refine_options(options, footage, attempt.mapping)
     options, model = replace(options, refine=settings), attempt.models[0]
-    given = ModelInputs(attempt, footage, options, work, progress)
+    given = ModelInputs(attempt, held or footage, options, work, progress)
     require_sound(take_out(model, settings.given_focal)[2], settings.moving)
     first = attempt.database
     if attempt.special:
@@ -63,11 +87,17 @@ def reconstruct(
             model, attempt = unfolded(model, given)
             model, more = with_pieces(model, attempt, given)
             warnings += more
+    grown_otherwise = attempt is not given.found
+    if held is not None:
+        given = release(model, replace(given, found=attempt), footage)
+        attempt, settings = given.found, refine_options(options, footage, given.found.mapping)
+        options = replace(options, refine=settings)
+        given = replace(given, options=options)
     along = along_free_motion(model, given) if tumbling and len(footage.cameras) == 1 else None
     if along is not None:
         model, following = along
         options = replace(options, refine=replace(options.refine, following=following))
-    if attempt is not given.found and not attempt.special:
+    if grown_otherwise and not attempt.special:
         warnings += left_out(whole - model.num_reg_images())
     if not footage.moving_pictures and model.num_reg_images() < len(footage.frames):
         model = add_left_out_images(model, given)

@@ -13,7 +13,7 @@ from surface.synthetic_dense import cameras, sphere_directions
 
 from massprops.geometry.rasterise import rasterise
 from massprops.mass.integrals import central_inertia, mesh_integrals
-from massprops.surface import shading
+from massprops.surface import shadow
 from massprops.surface.outline_cloud import ball_of_outlines, surface_of_outlines
 from massprops.surface.outline_gaps import outline_gaps
 from massprops.surface.reconstruct import Surface
@@ -69,7 +69,7 @@ def filmed(dark: float = 1.0) -> Footage:
 def coarse_shadows() -> Iterator[None]:
     """A map of shadows that is still three times as fine as these small images."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(shading, "SHADOW_SIZE", 300)
+        patch.setattr(shadow, "SHADOW_SIZE", 300)
         yield
 
 
