@@ -23,6 +23,8 @@ from massprops.views import Views, undistort
 
 FEWEST = 8
 """Images with an attitude without which no path is fitted: five numbers, and each image needs others that turn away from it."""
+LEAST_LIT = 100
+"""Pixels of a silhouette of fewer than which its outline says nothing."""
 LONGEST_TURN = 30.0
 """Turn between two neighbours of the series [degree] beyond which nothing is interpolated."""
 
@@ -48,16 +50,16 @@ def place_by_attitudes(footage: FootageRecord, given: AttitudeSeries, seed: int)
     camera = footage.cameras[0]
     if camera.focal_px is None:
         raise NotPossible("attitudes alone do not tell a focal length: give --focal, or cam0/sensor.yaml")
-    frames = [
-        f for f in footage.frames if f.camera == camera.id and f.timestamp_ns >= 0 and footage.mask(f.name).is_file()
-    ]
+    of_camera = [f for f in footage.frames if f.camera == camera.id]
+    frames = [f for f in of_camera if f.timestamp_ns >= 0 and footage.mask(f.name).is_file()]
+    frames = [f for f in frames if np.count_nonzero(read_image(footage.mask(f.name), 0) == 255) >= LEAST_LIT]
     R, sigma = attitudes_at(given, np.array([f.timestamp_ns for f in frames], np.int64))
     with_attitude = np.isfinite(sigma)
     kept = [f for f, has in zip(frames, with_attitude, strict=True) if has]
     if len(kept) < FEWEST:
         raise NotPossible(
-            f"attitude0 covers {len(kept)} of the {len(footage.frames)} images: both must use one clock, and at least {FEWEST} "
-            "are needed"
+            f"attitude0 covers {len(kept)} of the {len(of_camera)} images: both must use one clock, and at least "
+            f"{FEWEST} are needed"
         )
     R, sigma = R[with_attitude], sigma[with_attitude]
     unplaced = _views(footage, camera, kept, R)
@@ -68,9 +70,9 @@ def place_by_attitudes(footage: FootageRecord, given: AttitudeSeries, seed: int)
     time = 1e-9 * (unplaced.timestamp_ns - unplaced.timestamp_ns[0])
     path = outline_path(unplaced, masks, grey, time, float(np.median(sigma)), seed)
     views = replace(unplaced, t=path.position)
-    missing = len(footage.frames) - len(kept)
+    missing = len(of_camera) - len(kept)
     lines = (
-        [f"{counted(missing, 'image has', 'images have')} no attitude in attitude0, and were left out"]
+        [counted(missing, "image has", "images have") + " no attitude in attitude0 or no outline: left out"]
         if missing
         else []
     )

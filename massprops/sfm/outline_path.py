@@ -30,7 +30,8 @@ FACING = 0.2
 HELD_OUT = 5
 """One pair in so many has no part in the fit."""
 OUTLINE_PX = 1.0
-"""1-sigma of a tangent by the pixels of an outline: where the path is right, tangents of six path-traced bodies of plaster are off by less."""
+"""1-sigma of a tangent by the pixels of an outline. A path-traced CubeSat with its true attitudes is off by 0.6, a body of plaster with
+attitudes known to 0.1 degrees by 0.3."""
 FAR = 4.0
 """Error of the held-out tangents over what outlines and attitudes explain from which on the path is not believed."""
 FEWEST = 30

@@ -75,13 +75,20 @@ def test_the_images_of_a_film_are_placed_by_attitudes_and_outlines(tmp_path: Pat
     views, masks, _ = filmed()
     placed = place_by_attitudes(footage_of(views, masks, tmp_path, 900.0), given_at(views, 2), 0)
     assert placed.views.names == views.names[2:]
-    assert placed.warnings == ("2 images have no attitude in attitude0, and were left out",)
+    assert placed.warnings == ("2 images have no attitude in attitude0 or no outline: left out",)
     size = placed.views.t[:, 2].mean() / views.t[2:, 2].mean()
     # the camera's centres about the body, over its distance
     assert np.abs(placed.views.centres - size * views.centres[2:]).max() < 0.005 * placed.views.t[:, 2].mean()
     model = to_views(placed.model)[0]
     assert np.allclose(model.t, placed.views.t) and np.allclose(model.R, placed.views.R)
     assert np.allclose(model.K, placed.views.K)
+
+
+def test_an_image_in_which_nothing_is_lit_is_left_out(tmp_path: Path) -> None:
+    views, masks, _ = filmed()
+    masks[5] = np.zeros_like(masks[5])
+    placed = place_by_attitudes(footage_of(views, masks, tmp_path, 900.0), given_at(views, 0), 0)
+    assert views.names[5] not in placed.views.names and len(placed.views) == len(views) - 1
 
 
 def test_attitudes_need_a_focal_length_and_a_common_clock(tmp_path: Path) -> None:
