@@ -35,7 +35,8 @@ OUTSIDE, MOSTLY_OUTSIDE = 0.18, 0.22
 """Share of the images that show sky where stereo measured a point, of all points but the worst hundredth, above which
 confidence is medium and low. In nine sound runs it was 0 to 0.16 (tumbling bodies, real and rendered objects on tables); in
 four that were wrong 0.23 and 0.26 (heavily compressed video, cameras up to 11 degrees off), 0.44 (an object that had been
-moved between the photographs) and 0.54 (stars and clouds taken for the object)."""
+moved between the photographs) and 0.54 (stars and clouds taken for the object). From the first on sky counts only where a body would
+be lit (`massprops.surface.lit_sky`)."""
 CUT, MOSTLY_CUT = 0.1, 0.5
 """Share of the images in which the object goes on beyond the frame, likewise."""
 OTHER_SCENE, MOSTLY_OTHER = 0.1, 0.3

@@ -67,6 +67,15 @@ def read_sequence(folder: str | Path) -> Sequence:
     return sequence
 
 
+def sequence_with(folder: Path, sensor: str) -> Sequence | None:
+    """The sequence in a folder that holds such a sensor, `range0` or `attitude0`; None of any other folder or file.
+
+    Raises:
+        InputError: as `read_sequence`.
+    """
+    return read_sequence(folder) if (folder / sensor / "data.csv").is_file() else None
+
+
 def _there(path: Path) -> bool:
     """Whether the sequence has a file. A link that leads nowhere is not taken for a file that was never there.
 

@@ -14,6 +14,7 @@ import pycolmap
 
 from massprops.core.inputs import read_image
 from massprops.core.text import counted
+from massprops.dynamics.quaternion import conjugate, from_rotation_vector, multiply, rotation_matrix, rotation_vector
 from massprops.errors import NotPossible
 from massprops.sequence.data import AttitudeSeries
 from massprops.sfm.convert import HALF
@@ -52,21 +53,20 @@ def place_by_attitudes(footage: FootageRecord, given: AttitudeSeries, seed: int)
         raise NotPossible("attitudes alone do not tell a focal length: give --focal, or cam0/sensor.yaml")
     of_camera = [f for f in footage.frames if f.camera == camera.id]
     frames = [f for f in of_camera if f.timestamp_ns >= 0 and footage.mask(f.name).is_file()]
-    frames = [f for f in frames if np.count_nonzero(read_image(footage.mask(f.name), 0) == 255) >= LEAST_LIT]
+    silhouettes = [read_image(footage.mask(f.name), 0) for f in frames]
     R, sigma = attitudes_at(given, np.array([f.timestamp_ns for f in frames], np.int64))
-    with_attitude = np.isfinite(sigma)
-    kept = [f for f, has in zip(frames, with_attitude, strict=True) if has]
+    lit = np.array([np.count_nonzero(m == 255) >= LEAST_LIT for m in silhouettes], bool)
+    of_kept = np.flatnonzero(np.isfinite(sigma) & lit)
+    kept, silhouettes = [frames[i] for i in of_kept], [silhouettes[i] for i in of_kept]
     if len(kept) < FEWEST:
         raise NotPossible(
             f"attitude0 covers {len(kept)} of the {len(of_camera)} images: both must use one clock, and at least "
             f"{FEWEST} are needed"
         )
-    R, sigma = R[with_attitude], sigma[with_attitude]
-    unplaced = _views(footage, camera, kept, R)
-    grey = [read_image(footage.image(f.name), 0) for f in kept]
-    masks = [read_image(footage.mask(f.name), 0) for f in kept]
-    grey = [undistort(g, K, d) for g, K, d in zip(grey, unplaced.K, unplaced.distortion, strict=True)]
-    masks = [undistort(m, K, d, nearest=True) for m, K, d in zip(masks, unplaced.K, unplaced.distortion, strict=True)]
+    sigma, unplaced = sigma[of_kept], _views(footage, camera, kept, R[of_kept])
+    K, distortion = unplaced.K[0], unplaced.distortion[0]
+    grey = [undistort(read_image(footage.image(f.name), 0), K, distortion) for f in kept]
+    masks = [undistort(m, K, distortion, nearest=True) for m in silhouettes]
     time = 1e-9 * (unplaced.timestamp_ns - unplaced.timestamp_ns[0])
     path = outline_path(unplaced, masks, grey, time, float(np.median(sigma)), seed)
     views = replace(unplaced, t=path.position)
@@ -86,18 +86,16 @@ def attitudes_at(given: AttitudeSeries, times: np.ndarray) -> tuple[np.ndarray, 
         (n, 3, 3) rotations of body vectors into the camera, and (n,) their 1-sigma [rad]; not a number before the first, after the
         last, and between neighbours that are more than `LONGEST_TURN` apart.
     """
-    from scipy.spatial.transform import Rotation
-
     order = np.argsort(given.timestamp_ns, kind="stable")
     stamp = given.timestamp_ns[order].astype(np.int64)
     if len(stamp) < 2:
         return np.tile(np.eye(3), (len(times), 1, 1)), np.full(len(times), np.nan)
-    turns = Rotation.from_quat(given.q[order][:, [1, 2, 3, 0]])
     after = np.clip(np.searchsorted(stamp, times), 1, len(stamp) - 1)
     before = after - 1
     share = (times - stamp[before]) / np.maximum(stamp[after] - stamp[before], 1)
-    step = (turns[before].inv() * turns[after]).as_rotvec()
-    R = (turns[before] * Rotation.from_rotvec(np.clip(share, 0, 1)[:, None] * step)).as_matrix()
+    earlier, later = given.q[order][before], given.q[order][after]
+    step = rotation_vector(multiply(conjugate(earlier), later))
+    R = rotation_matrix(multiply(earlier, from_rotation_vector(np.clip(share, 0, 1)[:, None] * step)))
     sigma = np.maximum(given.sigma[order][before], given.sigma[order][after])
     known = (times >= stamp[0]) & (times <= stamp[-1]) & (np.linalg.norm(step, axis=1) <= np.radians(LONGEST_TURN))
     exact = np.isin(times, stamp)

@@ -15,7 +15,8 @@ import pycolmap
 from massprops.sfm.attempt import ModelInputs
 from massprops.sfm.database import FOCAL_FACTOR
 from massprops.sfm.footage import FootageRecord
-from massprops.sfm.refine import RefineOptions, adjust, remove_outliers
+from massprops.sfm.last_adjustment import refine_options
+from massprops.sfm.refine import adjust, remove_outliers
 
 ROUNDS = 3
 """Adjustments by which a focal length that was held finds its place: from 17 % off it is 4 % off after three of 60 iterations each."""
@@ -45,8 +46,9 @@ def release(model: pycolmap.Reconstruction, given: ModelInputs, footage: Footage
         NotPossible: the images do not hold together.
     """
     free = replace(given.found.mapping, fixed_intrinsics=False, constant=frozenset())
-    settings = RefineOptions(moving=given.options.refine.moving)
+    settings = refine_options(given.options, footage, free)
     for _ in range(ROUNDS):
         loss = remove_outliers(model, settings, CUT)
         adjust(model, True, False, loss, free.threads, ITERATIONS)
-    return replace(given, found=replace(given.found, mapping=free), footage=footage)
+    options = replace(given.options, refine=settings)
+    return replace(given, found=replace(given.found, mapping=free), footage=footage, options=options)

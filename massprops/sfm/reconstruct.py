@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import zlib  # noqa: F401  must precede pycolmap
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -55,10 +56,8 @@ def reconstruct(
             raise
         shutil.rmtree(work)
         work.mkdir()
-        try:
+        with suppress(NotPossible):
             return _reconstruct(footage, work, options, progress, held)
-        except NotPossible:
-            pass
         raise
 
 
@@ -90,9 +89,7 @@ def _reconstruct(
     grown_otherwise = attempt is not given.found
     if held is not None:
         given = release(model, replace(given, found=attempt), footage)
-        attempt, settings = given.found, refine_options(options, footage, given.found.mapping)
-        options = replace(options, refine=settings)
-        given = replace(given, options=options)
+        attempt, options = given.found, given.options
     along = along_free_motion(model, given) if tumbling and len(footage.cameras) == 1 else None
     if along is not None:
         model, following = along

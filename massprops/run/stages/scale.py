@@ -58,8 +58,7 @@ def run(job: Job) -> dict[str, Any]:
 
 
 def _range(source: Path) -> RangeSeries | None:
-    if not (source / "range0" / "data.csv").is_file():
-        return None
-    from massprops.sequence.read import read_sequence
+    from massprops.sequence.read import sequence_with
 
-    return read_sequence(source).range
+    sequence = sequence_with(source, "range0")
+    return None if sequence is None else sequence.range

@@ -67,11 +67,10 @@ def _placed(job: Job, footage: FootageRecord) -> dict[str, Any]:
 
 
 def _attitudes(source: Path) -> AttitudeSeries | None:
-    if not (source / "attitude0" / "data.csv").is_file():
-        return None
-    from massprops.sequence.read import read_sequence
+    from massprops.sequence.read import sequence_with
 
-    return read_sequence(source).attitude
+    sequence = sequence_with(source, "attitude0")
+    return None if sequence is None else sequence.attitude
 
 
 def _by_attitudes(job: Job, footage: FootageRecord, given: AttitudeSeries, because: str) -> dict[str, Any]:

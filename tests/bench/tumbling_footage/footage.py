@@ -14,13 +14,18 @@ from typing import Any
 import cv2
 import numpy as np
 import trimesh
-from scipy.spatial.transform import Rotation
 from tabletop import textures
 from tabletop.develop import display, rendered_light, sensor_noise, write_video
 from tabletop.prepare import FPS, write_pictures, write_scene
 from tabletop.truth import truth_arrays
 
-from massprops.dynamics.quaternion import normalise, rotation_matrix
+from massprops.dynamics.quaternion import (
+    from_rotation_matrix,
+    from_rotation_vector,
+    multiply,
+    normalise,
+    rotation_matrix,
+)
 from massprops.dynamics.rigid_body import propagate
 from massprops.sequence.data import AttitudeSeries, Camera, Sequence
 from massprops.sequence.write import write_sequence
@@ -226,21 +231,19 @@ def _sequence(
     footage: Footage, folder: Path, images: list[np.ndarray], truth: dict[str, np.ndarray], document: dict[str, Any]
 ) -> None:
     """A sequence folder: a video for each camera, and what else is known."""
-    for number in range(len(images) // footage.count):
+    K, clock = truth["K"], np.rint(np.arange(footage.count) * 1e9 / float(FPS)).astype(np.int64)
+    intrinsics = np.array([K[0, 0], K[1, 1], K[0, 2] - 0.5, K[1, 2] - 0.5])
+    cameras = {}
+    for number, first in enumerate(range(0, len(images), footage.count)):
         camera = folder / f"cam{number}"
         camera.mkdir(parents=True, exist_ok=True)
-        write_video(camera / "video.mp4", images[number * footage.count : (number + 1) * footage.count], 17)
-    K, clock = truth["K"], np.rint(np.arange(footage.count) * 1e9 / float(FPS)).astype(np.int64)
-    mount = [np.array(document["frames"][k * footage.count]["camera"][1]) for k in range(len(images) // footage.count)]
-    intrinsics = np.array([K[0, 0], K[1, 1], K[0, 2] - 0.5, K[1, 2] - 0.5])
-    cameras = {
-        k: Camera(resolution=footage.size, intrinsics=intrinsics, distortion=np.zeros(4), T_BS=T, sigma_px=None)
-        for k, T in enumerate(mount)
-    }
+        write_video(camera / "video.mp4", images[first : first + footage.count], 17)
+        mount = np.array(document["frames"][first]["camera"][1])
+        cameras[number] = Camera(resolution=footage.size, intrinsics=intrinsics, T_BS=mount)
     attitude = None
     if footage.sensors == "attitudes":
         sigma = np.radians(ATTITUDE_SIGMA)
         noise = sigma * np.random.default_rng([SEED, footage.number, 9]).standard_normal((footage.count, 3))
-        q = (Rotation.from_rotvec(noise) * Rotation.from_matrix(truth["poses"][:, :, :3])).as_quat()[:, [3, 0, 1, 2]]
+        q = multiply(from_rotation_vector(noise), from_rotation_matrix(truth["poses"][:, :, :3]))
         attitude = AttitudeSeries(clock, q, np.full(footage.count, sigma))
     write_sequence(folder, Sequence(cameras=cameras, attitude=attitude))
