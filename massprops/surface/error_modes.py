@@ -74,7 +74,6 @@ def fill_modes(
     length: float,
     inferred: np.ndarray | None = None,
     outlined: np.ndarray | None = None,
-    slope: float | None = None,
 ) -> np.ndarray:
     """(m, f) outward offsets of the faces, one row for each independent mode of error at one sigma.
 
@@ -82,7 +81,6 @@ def fill_modes(
         vertices: (v, 3); faces: (f, 3); observed: (f,) bool; length: greatest length of the body.
         inferred: (f,) bool, closed at the plane of support (`underside_modes`); none by default.
         outlined: (f,) distance from where outlines lie on the mesh, which is known there, too; None of a body whose back may be dark.
-        slope: 1-sigma of the surface's slope where its brightness was fitted [rad]; then outlines and it are all that is known.
 
     Returns:
         Zero for measured faces and inferred ones; no rows where there are no others. The first row is common to all; of a body known
@@ -91,7 +89,7 @@ def fill_modes(
     hidden = np.flatnonzero(~observed if inferred is None else ~observed & ~inferred)
     if not len(hidden):
         return np.zeros((0, len(faces)))
-    away = _away(vertices, faces, observed, outlined, slope)[hidden]
+    away = _away(vertices, faces, observed, outlined)[hidden]
     bump = _bumps(vertices[faces[hidden]].mean(axis=1), int(np.argmax(away)), REACH * length)
     modes = np.zeros((1 + bump.shape[1], len(faces)))
     modes[0, hidden] = COMMON * away
@@ -115,13 +113,11 @@ def underside_modes(
     """
     if not inferred.any():
         return np.zeros((0, len(faces)))
-    away = _away(vertices, faces, observed, outlined, None)
+    away = _away(vertices, faces, observed, outlined)
     return np.stack([np.where(inferred, RECESS * away, 0.0), np.where(inferred, PLANE_PIXELS * pixel, 0.0)])
 
 
-def _away(
-    vertices: np.ndarray, faces: np.ndarray, observed: np.ndarray, outlined: np.ndarray | None, slope: float | None
-) -> np.ndarray:
+def _away(vertices: np.ndarray, faces: np.ndarray, observed: np.ndarray, outlined: np.ndarray | None) -> np.ndarray:
     """(f,) distance of each face that was not measured from what tells where it is, 0 for the others; arguments as those of `fill_modes`."""
     hidden = np.flatnonzero(~observed)
     middle, out = vertices[faces].mean(axis=1), np.zeros(len(faces))
@@ -133,7 +129,7 @@ def _away(
     else:
         # what no image shows in outline lies as far in as a side that nothing was measured on, beside what outlines cannot show
         away = np.zeros(len(hidden)) if outlined is None else outlined[hidden]
-        away = away + hidden_depth(vertices, faces)[hidden] if slope is None else away * slope / LOCAL
+        away = away + hidden_depth(vertices, faces)[hidden]
     out[hidden] = away
     return out
 

@@ -23,6 +23,8 @@ is dark, and so like the sky, in some."""
 UNCOVERED = 0.005
 """Share of the silhouettes that a hull may leave uncovered, over what the most cautious one leaves, before its views
 contradict each other."""
+WIDE = 1.4
+"""Radius in which a body known by its outlines alone is looked for, in radii of the ball that holds what was lit of it."""
 LEAST_VIEWS = 8
 """Silhouettes without which their hull is no body."""
 
@@ -45,14 +47,7 @@ def surface_of_outlines(
     Raises:
         NotPossible: too few silhouettes, or no body common to them.
     """
-    seen = sum(bool((m == 255).any()) for m in masks)
-    if seen < LEAST_VIEWS:
-        raise NotPossible(
-            f"next to nothing of the surface was measured, and {seen} silhouettes are too few for a shape from outlines "
-            f"alone ({LEAST_VIEWS} are needed): give more images with more overlap (under 15 degrees between neighbours)"
-        )
-    views, masks = with_margins(views, masks)
-    hull = consistent(make_hull(views, masks, middle[None], support=support), views, masks, middle, radius)
+    hull = hull_of_outlines(views, masks, middle, radius, support)
     progress(1, 3, "hull")
     body = body_of_hull(hull, middle, radius)
     progress(2, 3, "hull sampled")
@@ -62,6 +57,24 @@ def surface_of_outlines(
     cloud = outline_cloud(vertices, faces, views.centres, 0.2 * body.step)
     progress(3, 3, "surface of the hull")
     return Surface(vertices, faces, none, inferred, hull, cloud, body.step)
+
+
+def hull_of_outlines(
+    views: Views, masks: list[np.ndarray], middle: np.ndarray, radius: float, support: np.ndarray | None = None
+) -> Hull:
+    """The hull of the silhouettes, which may be open; arguments and error as those of `surface_of_outlines`.
+
+    Raises:
+        NotPossible: too few silhouettes.
+    """
+    seen = sum(bool((m == 255).any()) for m in masks)
+    if seen < LEAST_VIEWS:
+        raise NotPossible(
+            f"next to nothing of the surface was measured, and {seen} silhouettes are too few for a shape from outlines "
+            f"alone ({LEAST_VIEWS} are needed): give more images with more overlap (under 15 degrees between neighbours)"
+        )
+    views, masks = with_margins(views, masks)
+    return consistent(make_hull(views, masks, middle[None], support=support), views, masks, middle, radius)
 
 
 def with_margins(views: Views, masks: list[np.ndarray]) -> tuple[Views, list[np.ndarray]]:
@@ -142,19 +155,24 @@ class HullBody:
     step: float
 
 
-def body_of_hull(hull: Hull, middle: np.ndarray, radius: float) -> HullBody:
+def body_of_hull(hull: Hull, middle: np.ndarray, radius: float, within: float = np.inf) -> HullBody:
     """The largest piece of the hull.
 
     Args:
         hull: of the silhouettes.
         middle: (3,) within the body; radius: of a ball about it that holds the body.
+        within: radius of a ball that closes the hull where no outline does; none by default.
 
     Raises:
-        NotPossible: the silhouettes have no body in common there, or it reaches beyond the ball.
+        NotPossible: the silhouettes have no body in common there, or it reaches beyond the ball of `radius`.
     """
     from scipy.ndimage import label
 
     value, step = _value(hull, middle, radius)
+    if np.isfinite(within):
+        flat = np.linspace(-radius, radius, len(value)) ** 2
+        away = np.sqrt(flat[:, None, None] + flat[:, None] + flat)
+        value = np.maximum(value, (away - within) / hull.pixel)
     # thin parts may be parts of a step: pieces nearer than that are one
     piece, number = label(value < 0.5 * step / hull.pixel)
     if not (value < 0).any():

@@ -126,7 +126,7 @@ class Surface:
         hull: the silhouettes' evidence.
         cloud: the points the surface was made of, without outliers.
         spacing: distance between neighbouring vertices where it was measured.
-        slope: 1-sigma of the surface's slope where its brightness gave it [rad], None elsewhere.
+        slope: 1-sigma of the surface's slope where its brightness measured it [rad]; None where stereo or outlines did.
         fill: how unmeasured space was filled in; None where outlines alone made the surface.
         rivals: other ways that may be right: the chance of each, and by how much its integrals (10,) are others.
     """

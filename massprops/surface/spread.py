@@ -6,7 +6,8 @@ vector of offsets, one a face, and costs one product of matrices. Each replicate
 1. resampled views: views are drawn with replacement in blocks of neighbours (block bootstrap, Kuensch 1989), and the
    mean residual of each patch's points is recomputed with the drawn views;
 2. a common offset of all measured faces, `BIAS_PIXELS` of a pixel at the object, or as much as the points `scatter` there:
-   matching windows and outlines err alike everywhere (of all faces where there are only outlines);
+   matching windows and outlines err alike everywhere (of all faces where there are only outlines). Where brightness measured them,
+   their slope over the distance from an outline: creases are rounded and light each other all alike, and each side is off besides;
 3. the focal length: a symmetric strain with entries N(0, sigma_focal), which is how an error of self-calibration deforms
    a shape whose poses were fitted with it;
 4. patches of one side, and unmeasured faces in proportion to their distance from measured surface (`error_modes`), and on
@@ -144,7 +145,8 @@ def replicates(
     middle, window = mesh[0][mesh[1]].mean(axis=1), max(2 * surface.spacing, WINDOW * pixel)
     scatter = face_scatter(middle, surface.observed, surface.cloud, window, rng)
     drift = sources.gaps.drift * pixel if sources.gaps else 0.0
-    add(rng.standard_normal((count, 1)), _common(surface, scatter)[None])
+    lean = _leaning(surface, sources, ends.length)
+    add(rng.standard_normal((count, 1)), np.hypot(_common(surface, scatter), lean)[None])
     if sources.gaps:
         add(_of_outlines(count, rng, sources.never_lit), sources.gaps.offset[None] * pixel)
     offset = _bootstrap(surface, patch, views, count, blocks, rng)
@@ -153,7 +155,7 @@ def replicates(
         if patch[ends.face[e]] >= 0:
             lengths += offset[:, patch[ends.face[e]]] * ends.pull[e]
 
-    by_side = np.hypot(np.maximum(SIDE_PIXELS * pixel, scatter), drift)
+    by_side = np.hypot(np.hypot(np.maximum(SIDE_PIXELS * pixel, scatter), drift), lean)
     of_measured = measured_modes(*mesh, surface.observed, ends.length, by_side)
     add(rng.standard_normal((count, len(of_measured))), of_measured)
     of_fill, of_replicates = _of_fill(surface, sources, ends.length, count, rng)
@@ -227,6 +229,15 @@ def _common(surface: Surface, scatter: np.ndarray) -> np.ndarray:
     return np.where(shown, np.maximum(BIAS_PIXELS * surface.hull.pixel, scatter), 0.0)
 
 
+def _leaning(surface: Surface, sources: ErrorSources, length: float) -> np.ndarray:
+    """(f,) 1-sigma by which faces whose brightness was measured are off [world units]: their slope over the distance from where outlines
+    show them, no farther than the body is long; 0 of any other surface."""
+    if surface.slope is None:
+        return np.zeros(len(surface.faces))
+    away = np.full(len(surface.faces), length) if sources.gaps is None else np.minimum(sources.gaps.distance, length)
+    return np.where(surface.observed, surface.slope * away, 0.0)
+
+
 def _outlined(surface: Surface, sources: ErrorSources, length: float) -> np.ndarray | None:
     """(f,) distance from where outlines show the mesh, which they do to the margin of a silhouette: fill of still objects that was
     brought out to them was 1.1, 0.7, -0.3 and -0.7 px off in the middle on four rendered things. None of a free body that stereo
@@ -248,7 +259,7 @@ def _of_fill(
 ) -> tuple[np.ndarray, np.ndarray]:
     """(m, f) modes of what was not measured, and (count, m) of each replicate in sigmas; length: of the body."""
     mesh, outlined = (surface.vertices, surface.faces), _outlined(surface, sources, length)
-    modes = fill_modes(*mesh, surface.observed, length, surface.inferred, outlined, surface.slope)
+    modes = fill_modes(*mesh, surface.observed, length, surface.inferred, outlined)
     below = underside_modes(*mesh, surface.observed, surface.inferred, surface.hull.pixel, outlined)
     drawn = _fill_draws(surface, sources, (count, len(modes)), rng)
     under = rng.standard_normal((count, len(below)))
@@ -262,8 +273,6 @@ def _fill_draws(
     """(count, modes) of how far a fill is off, in sigmas of its modes, of which the first is common to all."""
     drawn = rng.standard_normal(shape)
     if not shape[1]:
-        return drawn
-    if surface.slope is not None:
         return drawn
     if not surface.observed.any():
         # a hull holds its body: what it hides is inward

@@ -43,8 +43,6 @@ FOCAL_SIGMA = 0.003
 OPEN = 0.1
 """Share of the surface that nothing shows to be where it is, neither stereo, a support nor an outline, from which on it may be
 the mouth of a hollow. A cup whose inside was dark had .22; a jug, a banana, a bottle and a box at most .04."""
-BALL = 1.4
-"""Radius in which a body known by its outlines alone is looked for, in radii of its first shape."""
 
 
 class _Holes(NamedTuple):
@@ -183,7 +181,9 @@ def _evidence(job: Job, views: Views, place: dict[str, Any], footage: dict[str, 
         table=table,
         place=place,
         moving=free or bool(footage["masks_given"]),
-        balance=_balance(views, cloud, footage) if grey and len(cloud) else None,
+        balance=_balance(views, _extent(cloud, place), footage)
+        if grey and (len(cloud) or _known_place(place))
+        else None,
     )
 
 
@@ -432,7 +432,22 @@ def _grey(job: Job, views: Views) -> list[np.ndarray]:
     return [undistorted_frame(job, views, i, 0) for i in range(len(views))]
 
 
-def _balance(views: Views, cloud: Cloud, footage: dict[str, Any]) -> Balance | None:
+def _known_place(place: dict[str, Any]) -> tuple[np.ndarray, float] | None:
+    """Middle (3,) and radius of a ball that holds a body of which no feature but its outlines tell where it is; `place` is `join.json`."""
+    if place.get("middle") is None:
+        return None
+    return np.array(place["middle"], float), float(place["radius"])
+
+
+def _extent(cloud: Cloud, place: dict[str, Any]) -> float:
+    """How long the body is about [world units]; `place` is `join.json`."""
+    if ball := _known_place(place):
+        return 2 * ball[1]
+    low, high = np.quantile(cloud.xyz, [0.01, 0.99], axis=0)
+    return float(np.linalg.norm(high - low))
+
+
+def _balance(views: Views, extent: float, footage: dict[str, Any]) -> Balance | None:
     """Where a free body's motion shows its centre of mass, by the images of the first camera; None where it does not."""
     from massprops.consistency.motion_side import centre_of_motion
     from massprops.sfm.attitude import clock
@@ -442,8 +457,7 @@ def _balance(views: Views, cloud: Cloud, footage: dict[str, Any]) -> Balance | N
     first = views.take(np.flatnonzero(views.of_first_camera))
     stamps = clock(first, np.array([place.get(n, i) for i, n in enumerate(first.names)]))[0]
     order = np.argsort(stamps, kind="stable")
-    low, high = np.quantile(cloud.xyz, [0.01, 0.99], axis=0)
-    centre = centre_of_motion(stamps[order], first.R[order], first.t[order], float(np.linalg.norm(high - low)))
+    centre = centre_of_motion(stamps[order], first.R[order], first.t[order], extent)
     return None if centre is None else Balance(centre.place, centre.covariance)
 
 
@@ -457,7 +471,7 @@ def _surface(job: Job, seen: Evidence) -> tuple[Surface, list[np.ndarray], np.nd
     from massprops.surface.silhouette_only import lit_at_times, spare_where_dark
 
     surface, masks = _closed(job, seen)
-    if not seen.grey or not surface.observed.any():
+    if not seen.grey or not surface.observed.any() or surface.slope is not None:
         return surface, masks, np.zeros((0, 3))
     if surface.hull.outside_share > OUTSIDE:
         surface, masks = _with_lit_sky(job, seen, surface, masks)
@@ -499,15 +513,22 @@ def _misses_less(seen: Evidence, one: Surface, other: Surface) -> bool:
 
 
 def _closed(job: Job, seen: Evidence) -> tuple[Surface, list[np.ndarray]]:
-    """A closed surface; of outlines alone where the points carry none and the object's place is known. And its masks."""
+    """A closed surface, and its masks: of a body of which no feature but its outlines tell where it is, by its brightness if that explains
+    it, and of its outlines alone where stereo measured nothing of it either."""
     from massprops.surface.cloud import Cloud
-    from massprops.surface.outline_cloud import surface_of_outlines
+    from massprops.surface.outline_cloud import WIDE, surface_of_outlines
+    from massprops.surface.plain_body import surface_by_brightness
     from massprops.surface.reconstruct import FILLED, STRETCHED, reconstruct_surface
-    from massprops.surface.shading import with_brightness
     from massprops.surface.silhouette import shown_as_object
     from massprops.surface.unlit import spare_behind_light
 
-    views, masks, place = seen.views, seen.masks, seen.place
+    views, masks, place, ball = seen.views, seen.masks, seen.place, _known_place(seen.place)
+    if ball is not None and seen.grey:
+        shown = spare_behind_light(views, masks, seen.grey)
+        fill = FILLED if seen.balance is None else seen.balance
+        lit = surface_by_brightness(views, shown, seen.grey, ball, fill, job.seed, job.progress)
+        if lit is not None:
+            return lit, shown
     support = None if place["support_plane"] is None else np.array(place["support_plane"], float)
     unless_shown = STRETCHED if support is None and not seen.moving else FILLED
     beside = None
@@ -528,13 +549,10 @@ def _closed(job: Job, seen: Evidence) -> tuple[Surface, list[np.ndarray]]:
         )
         return surface, masks
     except NotPossible:
-        if place.get("middle") is None:
+        if ball is None:
             raise
-    middle, radius = np.array(place["middle"], float), BALL * float(place["radius"])
-    if seen.grey:
-        masks = spare_behind_light(views, masks, seen.grey)
-    surface = surface_of_outlines(views, masks, middle, radius, job.progress, support)
-    return (with_brightness(surface, views, masks, seen.grey, (middle, radius)) if seen.grey else surface), masks
+    masks = shown if seen.grey else masks
+    return surface_of_outlines(views, masks, ball[0], WIDE * ball[1], job.progress, support), masks
 
 
 def _facts(surface: Surface, lost: float, overlap: dict[str, float]) -> dict[str, Any]:
@@ -545,9 +563,9 @@ def _facts(surface: Surface, lost: float, overlap: dict[str, float]) -> dict[str
     warnings = []
     if surface.slope is not None:
         warnings.append(
-            "nothing of the surface was measured by stereo: it was fitted to its outlines and its brightness"
+            f"{100 * observed:.0f} % of the surface was measured by how bright it is, none by stereo: the body is taken to be of one paint"
         )
-    elif filled > 0.1:
+    if filled > 0.1:
         warnings.append(f"{100 * filled:.0f} % of the surface was not measured but filled from the silhouettes")
     if inferred > 0.02:
         warnings.append(f"{100 * inferred:.0f} % of the surface stood on its support, unseen, and was closed there")
