@@ -134,3 +134,19 @@ def test_an_end_on_the_support_may_reach_beyond_the_body() -> None:
     free, *standing = (replicates(s, len(views), ErrorSources())[1].mean() for s in (surface, closed, measured))
     for foot in standing:
         assert 0.7 * FOOT_PIXELS < (free - foot) / surface.hull.pixel < 0.9 * FOOT_PIXELS
+
+
+def test_the_cameras_of_a_pair_are_one_witness_of_what_is_dark() -> None:
+    mesh = ball()
+    views, masks = outlines(mesh, 20)
+    pairs = replace(views, timestamp_ns=np.repeat(np.arange(10), 2))
+    middle = mesh.vertices.mean(axis=0)
+    dark = [np.zeros_like(m) if i < 4 else m for i, m in enumerate(masks)]
+    for i in range(4):
+        dark[i][0, 0] = 255
+    alone = make_hull(replace(views, timestamp_ns=np.arange(20)), dark, middle[None])
+    of_pairs = make_hull(pairs, dark, middle[None])
+    assert alone.at_once == 1 and of_pairs.at_once == 2
+    assert replace(alone, need=3).value(middle[None])[0] > 0
+    assert replace(of_pairs, need=3 * of_pairs.at_once).value(middle[None])[0] < 0
+    assert of_pairs.need >= 6 and of_pairs.outside_share == (of_pairs.need - 4) / 20
