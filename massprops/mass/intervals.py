@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from massprops.dynamics.inertia import ratios_of_moments
+from massprops.errors import NotPossible
 from massprops.mass.integrals import central_inertia, scale_integrals
 from massprops.mass.properties import MassProperties
 
@@ -68,8 +69,16 @@ def intervals(rows: np.ndarray, estimate: MassProperties, outer: np.ndarray | No
         rows: (r, 10) replicates [final units].
         estimate: what the mesh itself gives.
         outer: (10,) integrals of what the body is within [final units], where replicates collapse.
+
+    Raises:
+        NotPossible: none of the replicates is a body.
     """
     valid = valid_bodies(rows)
+    if not valid.any():
+        raise NotPossible(
+            "mass: the images leave everything open: with all that is uncertain about it the surface encloses no body; film the object "
+            "from more sides, or lit from another one"
+        )
     vague, rows = collapsed(valid), rows[valid]
     mass, centre, inertia = central_inertia(rows, estimate.density)
     moments = np.linalg.eigvalsh(inertia)

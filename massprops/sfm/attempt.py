@@ -24,7 +24,7 @@ from massprops.core.progress import Progress, silent
 from massprops.errors import NotPossible
 from massprops.sfm import pairs as pairing
 from massprops.sfm.chance import drop_chance
-from massprops.sfm.convert import take_out_images, to_views
+from massprops.sfm.convert import of_one_moment, take_out_images, to_views
 from massprops.sfm.database import write_database
 from massprops.sfm.distinct import Described, describe, largest, match_distinct, repeating
 from massprops.sfm.features import FeatureOptions, extract_all, unmasked_warning, with_denoising
@@ -432,7 +432,7 @@ def steady_images(
         for at_place in in_order.places
         if inside[at_place].any()
     ]
-    return frozenset(in_order.ids[np.concatenate(keep)].tolist()) if keep else core
+    return of_one_moment(model, in_order.ids[np.concatenate(keep)].tolist()) if keep else core
 
 
 def steady_parts(
@@ -456,7 +456,7 @@ def steady_parts(
     out = []
     for part in (longest, *(numbers for run in runs for numbers in run[1:] if len(numbers) >= FEWEST)):
         kept = pycolmap.Reconstruction(model)
-        take_out_images(kept, set(kept.reg_image_ids()) - set(in_order.ids[part].tolist()))
+        take_out_images(kept, set(kept.reg_image_ids()) - of_one_moment(kept, in_order.ids[part].tolist()))
         out.append(depth_reversal_resolved(kept, mapping))
     return out
 

@@ -111,3 +111,9 @@ def take_out_images(model: pycolmap.Reconstruction, ids: Iterable[int]) -> None:
     manager = pycolmap.ObservationManager(model)
     for frame_id in sorted({model.image(i).frame_id for i in ids}):
         manager.deregister_frame(frame_id)
+
+
+def of_one_moment(model: pycolmap.Reconstruction, ids: Iterable[int]) -> frozenset[int]:
+    """Placed images (COLMAP's numbers) with those of the same rig and moment: where one camera's are told apart, the other's go along."""
+    frames = {model.image(i).frame_id for i in ids}
+    return frozenset(i for i in model.reg_image_ids() if model.image(i).frame_id in frames)

@@ -45,7 +45,8 @@ def add_predicted_images(model: pycolmap.Reconstruction, given: ModelInputs) -> 
     units = {n: unit(d) for n, (_, d) in attempt.features.items()}
     numbers = image_numbers(attempt.database)
     order = [f.name for f in frames if f.name in attempt.features]
-    clock, stood = given.footage.times, {f.name: f.place for f in frames}
+    clock, streams = given.footage.times, sorted({(f.place, f.camera) for f in frames})
+    stood = {f.name: streams.index((f.place, f.camera)) for f in frames}
     for turn in range(MOST_ROUNDS):
         before = model.num_reg_images()
         views, ids = to_views(model)
@@ -59,7 +60,11 @@ def add_predicted_images(model: pycolmap.Reconstruction, given: ModelInputs) -> 
         model = continue_mapping(model, attempt.database, given.frames, given.work / f"grown{turn}", attempt.mapping)
         after, ids = to_views(model)
         # by cells of another side, say
-        take_out_images(model, np.array(ids, int)[off_prediction(views, wanted, after)].tolist())
+        off = off_prediction(views, wanted, after)
+        if given.footage.rig:
+            # the mapper goes on to images that no motion predicted: of a bus (Blender) all that were left were placed on its other wing
+            off |= ~np.isin(after.names, [*views.names, *wanted.names])
+        take_out_images(model, np.array(ids, int)[off].tolist())
         given.progress(model.num_reg_images(), len(order), "following the motion")
         if model.num_reg_images() <= before:
             break
@@ -72,8 +77,8 @@ def predicted(
     """Poses of images near the placed ones, as the rate of turning beside them predicts.
 
     Args:
-        order: names of all images in time; clock: their times, any unit; camera: the place of the still camera that took each, one
-            by default.
+        order: names of all images in time, one camera's after the other's; clock: their times, any unit; camera: a number for the
+            still camera that took each and its place, one by default.
 
     Returns:
         images that are not placed; the middle of the points keeps its place in the camera.

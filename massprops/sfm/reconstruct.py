@@ -82,8 +82,9 @@ def _reconstruct(
     else:
         model = close_loops(model, given)
         whole = model.num_reg_images()
-        if tumbling:
+        if footage.moving_pictures and footage.motion == "tumbling":
             model, attempt = unfolded(model, given)
+        if tumbling:
             model, more = with_pieces(model, attempt, given)
             warnings += more
     grown_otherwise = attempt is not given.found

@@ -19,8 +19,9 @@ from massprops.views import Views
 if TYPE_CHECKING:
     import pycolmap
 
-LEAST_FOCAL, MOST_FOCAL = 0.1, 10.0
-"""Bounds of an estimated focal length in units of the longer side, those of COLMAP's mapper."""
+LEAST_FOCAL, MOST_FOCAL = 0.2, 10.0
+"""Bounds of an estimated focal length in units of the longer side. The upper one is that of COLMAP's mapper; its lower one is .1, and a film in
+foil (Blender) ran to .13 and was placed wrongly. At .2 an image is 136 degrees wide, which no lens is that has no model of its own."""
 
 FAR = 1e3
 """Distance from the middle of the points, in medians over the cameras, from which on a camera is at infinity; a point nearer to a

@@ -179,7 +179,7 @@ def reconstruct_surface(
         NotPossible: too few points, or no closed body in them.
     """
     cloud = _sound(cloud)
-    hull = make_hull(views, masks, cloud.xyz, support=support)
+    hull = make_hull(views, masks, cloud.xyz, support=support, free=moving and support is None)
     # What several views see against the sky is not there, however well its depths agreed.
     cloud = cloud.take(np.flatnonzero(hull.value(cloud.xyz) < OFF_HULL))
     thinned = thin(cloud, points, seed)

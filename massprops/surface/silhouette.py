@@ -43,6 +43,7 @@ class Hull:
         support: (4,) unit normal and offset of the plane the object stands on, n.x + d = 0, the object on its
             positive side; None for a free body.
         at_once: views of one instant.
+        whole: (n,) bool, views that show all of the body: what lies beyond their images, or behind them, is as empty as their sky.
     """
 
     maps: np.ndarray
@@ -52,6 +53,13 @@ class Hull:
     pixel: float
     support: np.ndarray | None = None
     at_once: int = 1
+    whole: np.ndarray | None = None
+
+    @property
+    def _evidence(self) -> tuple[Array, Array, Array, Array]:
+        """What the compiled loops ask."""
+        none = np.zeros(len(self.maps), np.bool_)
+        return self.maps, self.size, self.P, none if self.whole is None else self.whole
 
     @property
     def outside_share(self) -> float:
@@ -65,7 +73,7 @@ class Hull:
 
         What lies below the support is outside, by its depth in pixels: cameras above cannot see that it is empty.
         """
-        value = _best(np.ascontiguousarray(xyz), self.maps, self.size, self.P, self.need)[:, -1]
+        value = _best(np.ascontiguousarray(xyz), *self._evidence, self.need)[:, -1]
         if self.support is None:
             return value
         return np.maximum(value, -(xyz @ self.support[:3] + self.support[3]) / self.pixel)
@@ -85,12 +93,17 @@ class Hull:
         """The same with the smallest `need`, at least `least` instants, that spares 99 % of the measured points (m, 3) by
         `MARGIN` instants."""
         sample = np.ascontiguousarray(measured[:: max(1, len(measured) // 4000)])
-        false = _votes(sample, self.maps, self.size, self.P, 1.5)
+        false = _votes(sample, *self._evidence, 1.5)
         return replace(self, need=max(least * self.at_once, int(np.quantile(false, 0.99)) + MARGIN * self.at_once))
 
 
 def make_hull(
-    views: Views, masks: list[np.ndarray], measured: np.ndarray, least: int = 3, support: np.ndarray | None = None
+    views: Views,
+    masks: list[np.ndarray],
+    measured: np.ndarray,
+    least: int = 3,
+    support: np.ndarray | None = None,
+    free: bool = False,
 ) -> Hull:
     """Hull of undistorted silhouettes.
 
@@ -101,6 +114,8 @@ def make_hull(
         measured: (m, 3) points known to be on the surface, which set `need`.
         least: fewest instants whose views may call a point empty.
         support: (4,) plane the object stands on, or None.
+        free: the body is alone before the sky: an image whose edge is sky all round shows all of it. Of a CubeSat (Blender) of which 14
+            views had to agree, the space beside and behind the cameras, which no 14 of them look at, was filled.
     """
     import cv2
 
@@ -117,7 +132,13 @@ def make_hull(
     P = np.einsum("nij,njk->nik", views.K, np.concatenate([views.R, views.t[:, :, None]], axis=2))[: len(masks)]
     depth = np.einsum("ni,ni->n", views.R[:, 2], measured.mean(0)[None].repeat(len(views), 0)) + views.t[:, 2]
     pixel = float(np.median(depth / views.K[:, 0, 0]))
-    return Hull(maps, size, P, least, pixel, support, _at_once(views)).sparing(measured, least)
+    whole = np.array([free and _all_round(m == 0) and bool((m == 255).any()) for m in masks], np.bool_)
+    return Hull(maps, size, P, least, pixel, support, _at_once(views), whole).sparing(measured, least)
+
+
+def _all_round(sky: np.ndarray) -> bool:
+    """Whether the edge of an image (h, w) bool is sky."""
+    return bool(sky[0].all() and sky[-1].all() and sky[:, 0].all() and sky[:, -1].all())
 
 
 def _at_once(views: Views) -> int:
@@ -210,29 +231,32 @@ def lit_overlap(drawn: np.ndarray, mask: np.ndarray, measured: np.ndarray) -> fl
     return overlap(drawn, np.where(rim | ((mask == 0) & measured), np.uint8(AMBIGUOUS), mask))
 
 
-_View = tuple[np.ndarray, int, int, tuple[float, ...]]
-"""Map, width, height and projection matrix, row by row, of a view."""
+_View = tuple[np.ndarray, int, int, tuple[float, ...], bool]
+"""Map, width, height and projection matrix, row by row, of a view, and whether it shows all of the body."""
+FARTHEST = 31.75
+"""Greatest distance to an outline that a map keeps [px]."""
 
 
 @njit(cache=True, inline="always", error_model="numpy")
-def _view(maps: Array, size: Array, P: Array, v: int) -> _View:
+def _view(maps: Array, size: Array, P: Array, whole: Array, v: int) -> _View:
     """Map, size and matrix of view v as values: read once and not for every point."""
     p = (P[v, 0, 0], P[v, 0, 1], P[v, 0, 2], P[v, 0, 3], P[v, 1, 0], P[v, 1, 1], P[v, 1, 2], P[v, 1, 3],
          P[v, 2, 0], P[v, 2, 1], P[v, 2, 2], P[v, 2, 3])  # fmt: skip
-    return maps[v], size[v, 0], size[v, 1], p
+    return maps[v], size[v, 0], size[v, 1], p, whole[v]
 
 
 @njit(cache=True, error_model="numpy")
 def _distance(view: _View, x: float, y: float, z: float) -> float:
-    """Distance to the outline in a view [px], or nan where the point is not in the image."""
-    m, width, height, p = view
+    """Distance to the outline in a view [px]; where the point is not in the image, nan, or the farthest where it shows all of the body."""
+    m, width, height, p, whole = view
+    beyond = FARTHEST if whole else np.nan
     d = p[8] * x + p[9] * y + p[10] * z + p[11]
     if d <= 1e-9:
-        return np.nan
+        return beyond
     a = (p[0] * x + p[1] * y + p[2] * z + p[3]) / d
     b = (p[4] * x + p[5] * y + p[6] * z + p[7]) / d
     if not (a >= 0 and b >= 0 and a < width - 1 and b < height - 1):
-        return np.nan
+        return beyond
     i, j = int(b), int(a)
     fb, fa = b - i, a - j
     top = m[i, j] * (1 - fa) + m[i, j + 1] * fa
@@ -242,10 +266,10 @@ def _distance(view: _View, x: float, y: float, z: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _votes(xyz: Array, maps: Array, size: Array, P: Array, margin: float) -> Array:
+def _votes(xyz: Array, maps: Array, size: Array, P: Array, whole: Array, margin: float) -> Array:
     out = np.zeros(len(xyz), np.int64)
     for v in range(len(P)):
-        view = _view(maps, size, P, v)
+        view = _view(maps, size, P, whole, v)
         for i in range(len(xyz)):
             if _distance(view, xyz[i, 0], xyz[i, 1], xyz[i, 2]) > margin:
                 out[i] += 1
@@ -253,11 +277,11 @@ def _votes(xyz: Array, maps: Array, size: Array, P: Array, margin: float) -> Arr
 
 
 @njit(cache=True, error_model="numpy")
-def _best(xyz: Array, maps: Array, size: Array, P: Array, need: int) -> Array:
+def _best(xyz: Array, maps: Array, size: Array, P: Array, whole: Array, need: int) -> Array:
     """(n, need) the greatest distances of each point, descending."""
     out = np.full((len(xyz), need), -32.0)
     for v in range(len(P)):
-        view = _view(maps, size, P, v)
+        view = _view(maps, size, P, whole, v)
         for i in range(len(xyz)):
             d = _distance(view, xyz[i, 0], xyz[i, 1], xyz[i, 2])
             if d > out[i, need - 1]:
@@ -270,10 +294,10 @@ def _best(xyz: Array, maps: Array, size: Array, P: Array, need: int) -> Array:
 
 
 @njit(cache=True, error_model="numpy")
-def _is_sky(maps: Array, size: Array, P: Array, need: int, x: float, y: float, z: float) -> bool:
+def _is_sky(maps: Array, size: Array, P: Array, whole: Array, need: int, x: float, y: float, z: float) -> bool:
     """Whether `need` views see a point outside their outlines."""
     for v in range(len(P)):
-        if _distance(_view(maps, size, P, v), x, y, z) > 0:
+        if _distance(_view(maps, size, P, whole, v), x, y, z) > 0:
             need -= 1
             if need == 0:
                 return True
@@ -282,7 +306,15 @@ def _is_sky(maps: Array, size: Array, P: Array, need: int, x: float, y: float, z
 
 @njit(cache=True, error_model="numpy")
 def _first_exit(
-    start: Array, direction: Array, first: float, reach: float, maps: Array, size: Array, P: Array, need: int
+    start: Array,
+    direction: Array,
+    first: float,
+    reach: float,
+    maps: Array,
+    size: Array,
+    P: Array,
+    whole: Array,
+    need: int,
 ) -> tuple[Array, Array]:
     out = np.empty_like(start)
     hit = np.zeros(len(start), np.bool_)
@@ -292,7 +324,7 @@ def _first_exit(
         low, step, t = 0.0, first, first
         sky_reached = False
         while t < reach:
-            if _is_sky(maps, size, P, need, px + t * dx, py + t * dy, pz + t * dz):
+            if _is_sky(maps, size, P, whole, need, px + t * dx, py + t * dy, pz + t * dz):
                 sky_reached = True
                 break
             low = t
@@ -303,7 +335,7 @@ def _first_exit(
         high = t
         for _ in range(12):
             middle = 0.5 * (low + high)
-            if _is_sky(maps, size, P, need, px + middle * dx, py + middle * dy, pz + middle * dz):
+            if _is_sky(maps, size, P, whole, need, px + middle * dx, py + middle * dy, pz + middle * dz):
                 high = middle
             else:
                 low = middle
@@ -359,7 +391,7 @@ def _exits(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Where rays (m, 3) leave the hull, and (m,) bool whether they do within their reach."""
     start, direction = np.ascontiguousarray(start), np.ascontiguousarray(direction)
-    return _first_exit(start, direction, first, reach, hull.maps, hull.size, hull.P, hull.need)
+    return _first_exit(start, direction, first, reach, *hull._evidence, hull.need)
 
 
 def _above_support(hull: Hull, begin: np.ndarray, found: np.ndarray) -> np.ndarray:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from some_evidence import evidence
 
+from massprops.errors import NotPossible
 from massprops.mass.confidence import Evidence, confidence
 from massprops.mass.integrals import mesh_integrals, scale_integrals
 from massprops.mass.intervals import intervals, valid_bodies
@@ -100,6 +101,15 @@ def test_where_many_replicates_collapse_the_body_may_be_as_small_as_you_like() -
         assert np.allclose(held, largest) if given else np.all(held < 0.5 * largest), (
             "no larger than its silhouettes allow"
         )
+
+
+def test_replicates_of_which_none_is_a_body_give_no_interval() -> None:
+    import trimesh
+
+    box = trimesh.creation.box((1.0, 2.0, 3.0))
+    own = mesh_integrals(np.asarray(box.vertices), np.asarray(box.faces))
+    with pytest.raises(NotPossible, match="everything open"):
+        intervals(np.tile(-own, (100, 1)), properties_of_integrals(own, 1.0))
 
 
 def drawn(size: tuple[float, float, float], sigma: float, rng: np.random.Generator) -> np.ndarray:

@@ -181,6 +181,10 @@ def test_a_point_within_a_camera_is_none() -> None:
     ("spoil", "said"),
     [
         (lambda v, p: (replace(v, K=v.K * [[[20.0], [20.0], [1.0]]]), p), "focal length .* bound.*--focal"),
+        (
+            lambda v, p: (replace(v, K=v.K * [[[0.13], [0.13], [1.0]]] * v.size.max() / v.K[0, 0, 0]), p),
+            "focal length .* bound",
+        ),
         (lambda v, p: (replace(v, R=v.R[:1].repeat(8, 0), t=v.t[:1].repeat(8, 0)), p), "no parallax"),
         (lambda v, p: (v, p.observed(p.obs_view < 2)), "only 0 of 8 images hold together"),
         (lambda v, p: (v.take(np.arange(0)), p.observed(p.obs_view < 0)), "^no three images hold together: they share"),

@@ -150,3 +150,18 @@ def test_the_cameras_of_a_pair_are_one_witness_of_what_is_dark() -> None:
     assert replace(alone, need=3).value(middle[None])[0] > 0
     assert replace(of_pairs, need=3 * of_pairs.at_once).value(middle[None])[0] < 0
     assert of_pairs.need >= 6 and of_pairs.outside_share == (of_pairs.need - 4) / 20
+
+
+def test_what_lies_beyond_an_image_that_shows_all_of_a_body_is_empty() -> None:
+    views, masks = outlines(ball(), 20)
+    beyond = views.centres[:1] + 0.2 * (views.centres[:1] - views.centres[10:11])
+    points = np.asarray(ball().vertices, float)
+    known, unknown = (make_hull(views, masks, points, free=free) for free in (True, False))
+    # most images do not show the place, as it lies beside or behind their cameras
+    most = len(views) // 2
+    assert replace(known, need=most).value(beyond)[0] > 0 > replace(unknown, need=most).value(beyond)[0]
+    cut = [m.copy() for m in masks]
+    for m in cut:
+        m[0, 0] = 255
+    assert replace(make_hull(views, cut, points, free=True), need=most).value(beyond)[0] < 0
+    assert np.all(known.value(points) < 1.0)
