@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pycolmap
 
+from massprops.errors import NotPossible
 from massprops.sfm.convert import to_points, to_views
 from massprops.sfm.free_motion import MOST_LOG, FreeRotation
 from massprops.sfm.points import SparsePoints, residuals
@@ -84,9 +85,15 @@ def adjust_tumble(
     Args:
         clock: time of an image by its name.
         loss_px: scale of the Cauchy loss.
+
+    Raises:
+        NotPossible: no image shows a point any more.
     """
     views, ids = to_views(model)
-    system = MotionSystem(views, to_points(model, ids), np.array([clock(n) for n in views.names]), loss_px, free_focal)
+    points = to_points(model, ids)
+    if not len(views) or not len(points.obs_view):
+        raise NotPossible("the images do not follow one free motion: none is left of those that were held to it")
+    system = MotionSystem(views, points, np.array([clock(n) for n in views.names]), loss_px, free_focal)
     state = system.settled(State(tumble, 0.0, system.points.xyz), 20)
     _write(model, ids, system, state)
     for camera in model.cameras.values():
