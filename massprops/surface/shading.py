@@ -26,7 +26,7 @@ from massprops.geometry.interpolation import bilinear
 from massprops.geometry.rasterise import rasterise
 from massprops.surface.cloud import Cloud
 from massprops.surface.meshed_again import meshed_again
-from massprops.surface.outline_gaps import SILHOUETTE_MARGIN, on_outlines
+from massprops.surface.outline_gaps import OUTLINE_SIGMA, SILHOUETTE_MARGIN, on_outlines
 from massprops.surface.refine import mean_matrix, vertex_normals
 from massprops.surface.shadow import IN_SHADOW, behind_first
 from massprops.views import Views
@@ -47,8 +47,6 @@ LEAST_FACING = 0.25
 """Cosine between surface and line of sight below which a pixel shows too much of the surface."""
 WHITE = 250
 """Brightness from which on a pixel may be saturated."""
-OUTLINE_SIGMA = 0.7
-"""1-sigma of an outline [px], beside the margin of silhouettes."""
 FAR_OUTLINE = 3.0
 """Distance [px] from which on an outline weighs little."""
 LEAST_RESIDUAL = 0.02

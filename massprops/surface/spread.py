@@ -39,7 +39,7 @@ from massprops.surface.error_modes import COMMON, REACH, SIDE_PIXELS, fill_modes
 from massprops.surface.fill_bounds import beyond_bounds
 from massprops.surface.fill_by_motion import Balance
 from massprops.surface.length import model_length
-from massprops.surface.outline_gaps import SILHOUETTE_MARGIN, Gaps
+from massprops.surface.outline_gaps import OUTLINE_SIGMA, SILHOUETTE_MARGIN, Gaps
 from massprops.surface.reconstruct import ON_SUPPORT, Surface
 from massprops.surface.refine import face_normals, residuals, vertex_normals
 from massprops.surface.scatter import WINDOW, face_scatter
@@ -231,11 +231,13 @@ def _common(surface: Surface, scatter: np.ndarray) -> np.ndarray:
 
 def _leaning(surface: Surface, sources: ErrorSources, length: float) -> np.ndarray:
     """(f,) 1-sigma by which faces whose brightness was measured are off [world units]: their slope over the distance from where outlines
-    show them, no farther than the body is long; 0 of any other surface."""
+    show them, no farther than the body is long, beside what those are off themselves; 0 of any other surface. Without the latter k of two of
+    three bodies of plaster (Blender) was .011 to .017 off and outside, of volumes known to 2 %."""
     if surface.slope is None:
         return np.zeros(len(surface.faces))
     away = np.full(len(surface.faces), length) if sources.gaps is None else np.minimum(sources.gaps.distance, length)
-    return np.where(surface.observed, surface.slope * away, 0.0)
+    sigma = np.hypot(surface.slope * away, OUTLINE_SIGMA * surface.hull.pixel)
+    return np.where(surface.observed, sigma, 0.0)
 
 
 def _outlined(surface: Surface, sources: ErrorSources, length: float) -> np.ndarray | None:

@@ -10,11 +10,12 @@ from test_free_motion import tumbling
 from test_joined_pieces import filmed, pieces
 
 from massprops.dynamics.rigid_body import propagate
+from massprops.errors import NotPossible
 from massprops.sfm import along_motion
 from massprops.sfm.along_motion import follow_free_motion, refine_along
 from massprops.sfm.assembled import STAYS, Part, Similarity, assemble
 from massprops.sfm.convert import take_out_images, to_points, to_views
-from massprops.sfm.free_adjustment import MOTION, MotionSystem, State, fit_line
+from massprops.sfm.free_adjustment import MOTION, MotionSystem, State, adjust_tumble, fit_line
 from massprops.sfm.free_motion import MOST_LOG, FreeRotation
 from massprops.sfm.points import residuals
 from massprops.sfm.reversed_depth import reversed_in_depth
@@ -173,3 +174,10 @@ def test_images_far_from_the_placed_ones_are_looked_for_last(tmp_path, monkeypat
     assert asked == [16, 21, 27, 34, 40, 40, 40]
     assert views.names == truth.names
     assert test_mapping.attitude_error(views, truth) < 0.004
+
+
+def test_a_motion_that_no_image_is_left_of_is_refused(tmp_path):
+    model = apart(tmp_path, tumbling())[0]
+    take_out_images(model, list(model.reg_image_ids()))
+    with pytest.raises(NotPossible, match="none is left"):
+        adjust_tumble(model, tumble()[0], lambda name: 0.0, 1.0, True)
