@@ -133,7 +133,8 @@ def make_hull(
     depth = np.einsum("ni,ni->n", views.R[:, 2], measured.mean(0)[None].repeat(len(views), 0)) + views.t[:, 2]
     pixel = float(np.median(depth / views.K[:, 0, 0]))
     whole = np.array([free and _all_round(m == 0) and bool((m == 255).any()) for m in masks], np.bool_)
-    return Hull(maps, size, P, least, pixel, support, _at_once(views), whole).sparing(measured, least)
+    hull = Hull(maps, size, P, least, pixel, support=support, at_once=_at_once(views), whole=whole)
+    return hull.sparing(measured, least)
 
 
 def _all_round(sky: np.ndarray) -> bool:
