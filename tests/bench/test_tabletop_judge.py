@@ -162,6 +162,7 @@ def test_intervals_are_compared_in_units_of_the_greatest_length() -> None:
     k = np.log(truth.moments[:2] / truth.moments[1:])
     document = {
         "density": 1000.0,
+        "units": {"length": "model", "mass": "model"},
         "volume": v,
         "interval_90": {
             "volume": [0.9 * v, 1.1 * v],
@@ -173,6 +174,8 @@ def test_intervals_are_compared_in_units_of_the_greatest_length() -> None:
     found = judge_intervals(document, truth)
     assert found["half_width"] == pytest.approx(0.1)
     assert found["holds"] == {"volume": True, "I1": True, "I2": True, "I3": True, "k1": True, "k2": False}
+    metric = judge_intervals({**document, "units": {"length": "m", "mass": "kg"}}, truth)
+    assert metric["holds"] == {"volume": False, "I1": False, "I2": False, "I3": False, "k1": True, "k2": False}
 
 
 def test_images_are_found_by_the_name_a_run_gives_them() -> None:

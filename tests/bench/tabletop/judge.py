@@ -146,15 +146,16 @@ def judge_mesh(mesh: trimesh.Trimesh, truth: SceneTruth, fit: CameraFit | None) 
 
 
 def judge_intervals(document: dict[str, Any], truth: SceneTruth) -> dict[str, Any]:
-    """Whether `interval_90` of `massprops.json` holds the truth, in the document's own unit: where no length is given that is
-    the object's greatest length, and the interval says how well that is known too."""
+    """Whether `interval_90` of `massprops.json` holds the truth, in the document's own unit: metres of a stereo pair; where no length is
+    given the object's greatest length, and the interval says how well that is known too."""
     bounds = document.get("interval_90") or {}
     k = np.log(truth.moments[:2] / truth.moments[1:])
     true = {f"k{i + 1}": (bounds.get(f"k{i + 1}"), float(k[i])) for i in (0, 1)}
     found: dict[str, Any] = {}
     if bounds.get("volume"):
         found["half_width"] = float(np.ptp(bounds["volume"])) / 2 / float(document["volume"])
-    unit, density = greatest_length(np.asarray(truth.mesh.vertices))[0], float(document["density"])
+    metric, density = document["units"]["length"] == "m", float(document["density"])
+    unit = 1.0 if metric else greatest_length(np.asarray(truth.mesh.vertices))[0]
     true["volume"] = (bounds.get("volume"), truth.volume / unit**3)
     for i, moment in enumerate(truth.moments):
         interval = (bounds.get("principal_moments") or [None] * 3)[i]
