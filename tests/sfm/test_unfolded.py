@@ -6,6 +6,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pycolmap
 import pytest
 import scene
 from scipy.spatial.transform import Rotation
@@ -15,8 +16,11 @@ from massprops.errors import NotPossible
 from massprops.sfm import grown_film
 from massprops.sfm.attempt import SfmOptions, jumps
 from massprops.sfm.contradictions import Contradictions
+from massprops.sfm.convert import of_one_moment
 from massprops.sfm.footage import FootageRecord
+from massprops.sfm.mapping import MappingOptions
 from massprops.sfm.predicted_images import predicted
+from massprops.sfm.reversed_depth import depth_reversal_resolved
 from massprops.views import Views
 
 
@@ -130,3 +134,17 @@ def test_a_film_is_followed_along_its_motion_where_images_of_it_are_left(
     )
     found: Any = grown_film.along_free_motion(model, given)  # type: ignore[arg-type]
     assert found == ((more, "motion") if followed else None)
+
+
+def test_the_images_of_a_pair_go_together() -> None:
+    shown = pycolmap.SyntheticDatasetOptions()
+    shown.num_rigs, shown.num_cameras_per_rig, shown.num_frames_per_rig, shown.num_points3D = 1, 2, 5, 80
+    model = pycolmap.synthesize_dataset(shown)
+    left = [i for i in model.reg_image_ids() if model.image(i).camera_id == min(model.cameras)]
+    together = of_one_moment(model, left[:2])
+    assert together > set(left[:2]) and len(together) == 4
+    assert of_one_moment(model, left) == frozenset(model.reg_image_ids())
+    # two cameras tell near from far: the reverse is not asked
+    kept = depth_reversal_resolved(model, MappingOptions(masked=True, fixed_intrinsics=True, threads=1))
+    before, after = (m.image(left[0]).cam_from_world().matrix() for m in (model, kept))
+    assert kept.num_reg_images() == 10 and np.allclose(before, after, atol=1e-3)
