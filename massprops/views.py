@@ -75,6 +75,11 @@ class Views:
         """(n,) bool: taken by cam0, or by the cameras of a folder without cameras."""
         return np.array([n.startswith("cam0/") or "/" not in n for n in self.names], bool)
 
+    @property
+    def folders(self) -> np.ndarray:
+        """(n,) str, the folder of each name: one for each camera."""
+        return np.array([name.rpartition("/")[0] for name in self.names])
+
     def take(self, index: np.ndarray) -> Views:
         """The views at `index` (integers or a mask)."""
         index = np.arange(len(self))[index]

@@ -69,7 +69,8 @@ def _reconstruct(
     if attempt.moved:  # what is about the object tells nothing of where it was
         footage = replace(footage, motion="tumbling")
     warnings = list(attempt.warnings)
-    tumbling = is_film(footage) and footage.motion == "tumbling"
+    turning = footage.moving_pictures and footage.motion == "tumbling"
+    tumbling = turning and is_film(footage)
     settings = refine_options(options, footage, attempt.mapping)
     options, model = replace(options, refine=settings), attempt.models[0]
     given = ModelInputs(attempt, held or footage, options, work, progress)
@@ -82,7 +83,7 @@ def _reconstruct(
     else:
         model = close_loops(model, given)
         whole = model.num_reg_images()
-        if footage.moving_pictures and footage.motion == "tumbling":
+        if turning:
             model, attempt = unfolded(model, given)
         if tumbling:
             model, more = with_pieces(model, attempt, given)

@@ -26,12 +26,13 @@ SCALE_PX = 0.5
 def depth_reversal_resolved(model: pycolmap.Reconstruction, mapping: MappingOptions) -> pycolmap.Reconstruction:
     """The model or its reverse, whichever fits its images better; adjusted, with the focal length free where it was not given. Two cameras of
     one rig tell near from far."""
-    of_a_rig = any(rig.num_sensors() > 1 for rig in model.rigs.values())
-    both = [pycolmap.Reconstruction(model), *([] if of_a_rig else [reversed_in_depth(model)])]
-    for m in both:
+    candidates = [pycolmap.Reconstruction(model)]
+    if all(rig.num_sensors() == 1 for rig in model.rigs.values()):
+        candidates.append(reversed_in_depth(model))
+    for m in candidates:
         adjust(m, not mapping.fixed_intrinsics, False, SCALE_PX, mapping.threads, 60, mapping.constant)
-    costs = [_cost(m) for m in both]
-    return both[int(np.argmin(costs))]
+    costs = [_cost(m) for m in candidates]
+    return candidates[int(np.argmin(costs))]
 
 
 def reversed_in_depth(model: pycolmap.Reconstruction) -> pycolmap.Reconstruction:

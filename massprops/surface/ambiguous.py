@@ -97,7 +97,7 @@ def told(views: Views, alike: np.ndarray, fold: int) -> np.ndarray:
     Args:
         views: in the order of their names, each camera's in a folder; alike: (n,) images that fit as well a turn away.
     """
-    camera = np.array([name.rpartition("/")[0] for name in views.names])
+    camera = views.folders
     run = np.zeros(len(views), int)
     for i in range(1, len(views)):
         turned = vectors.turn_deg(views.R[i].T, views.R[i - 1].T)

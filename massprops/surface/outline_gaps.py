@@ -27,7 +27,7 @@ SILHOUETTE_MARGIN, SHARP = 1.0, 1.0
 the object fills in part, and scatters by as much [px]. An asteroid in 320x240 and one blurred by motion had 1.0 and 1.4 in the
 middle and 0.7 and 0.8 of scatter; five films of asteroids and spacecraft whose cameras were wrong 1.4 to 3.2, and 1.9 to 3.5."""
 OUTLINE_SIGMA = 0.7
-"""1-sigma of an outline [px], beside that margin: silhouettes of one film have one."""
+"""1-sigma of that margin, which all silhouettes of a film have in common [px]. Not measured: what outlines weigh beside brightness."""
 MUTUAL = 2.0
 """By how much nearer to an outline another place of the other one may be [px], for both to be outlines of one place."""
 BULK, BULK_MEAN = 0.8, 0.5586

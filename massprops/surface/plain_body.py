@@ -51,7 +51,7 @@ def surface_by_brightness(
         fill, seed, progress: as for `reconstruct_surface`.
     """
     towards = brighter(masks, grey)
-    if towards is None or len({name.rpartition("/")[0] for name in views.names}) > 1:
+    if towards is None or len(np.unique(views.folders)) > 1:
         return None
     middle, radius = ball
     try:

@@ -40,10 +40,10 @@ class Hull:
         P: (n, 3, 4) world to pixels.
         need: how many views must agree that a point is empty.
         pixel: typical size of a pixel at the object [world units].
-        support: (4,) unit normal and offset of the plane the object stands on, n.x + d = 0, the object on its
-            positive side; None for a free body.
         at_once: views of one instant.
         whole: (n,) bool, views that show all of the body: what lies beyond their images, or behind them, is as empty as their sky.
+        support: (4,) unit normal and offset of the plane the object stands on, n.x + d = 0, the object on its
+            positive side; None for a free body.
     """
 
     maps: np.ndarray
@@ -51,15 +51,14 @@ class Hull:
     P: np.ndarray
     need: int
     pixel: float
+    at_once: int
+    whole: np.ndarray
     support: np.ndarray | None = None
-    at_once: int = 1
-    whole: np.ndarray | None = None
 
     @property
     def _evidence(self) -> tuple[Array, Array, Array, Array]:
         """What the compiled loops ask."""
-        none = np.zeros(len(self.maps), np.bool_)
-        return self.maps, self.size, self.P, none if self.whole is None else self.whole
+        return self.maps, self.size, self.P, self.whole
 
     @property
     def outside_share(self) -> float:
@@ -133,7 +132,7 @@ def make_hull(
     depth = np.einsum("ni,ni->n", views.R[:, 2], measured.mean(0)[None].repeat(len(views), 0)) + views.t[:, 2]
     pixel = float(np.median(depth / views.K[:, 0, 0]))
     whole = np.array([free and _all_round(m == 0) and bool((m == 255).any()) for m in masks], np.bool_)
-    hull = Hull(maps, size, P, least, pixel, support=support, at_once=_at_once(views), whole=whole)
+    hull = Hull(maps, size, P, least, pixel, at_once=_at_once(views), whole=whole, support=support)
     return hull.sparing(measured, least)
 
 
@@ -234,7 +233,7 @@ def lit_overlap(drawn: np.ndarray, mask: np.ndarray, measured: np.ndarray) -> fl
 
 _View = tuple[np.ndarray, int, int, tuple[float, ...], bool]
 """Map, width, height and projection matrix, row by row, of a view, and whether it shows all of the body."""
-FARTHEST = 31.75
+FARTHEST = 127 / STEP
 """Greatest distance to an outline that a map keeps [px]."""
 
 

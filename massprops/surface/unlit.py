@@ -82,7 +82,7 @@ def spare_behind_light(views: Views, masks: list[np.ndarray], grey: list[np.ndar
 
 def _of_each_camera(views: Views) -> list[np.ndarray]:
     """The places of each camera's views."""
-    folder = np.array([name.rpartition("/")[0] for name in views.names])
+    folder = views.folders
     return [np.flatnonzero(folder == camera) for camera in np.unique(folder)]
 
 

@@ -523,14 +523,13 @@ def _closed(job: Job, seen: Evidence) -> tuple[Surface, list[np.ndarray]]:
     from massprops.surface.unlit import spare_behind_light
 
     views, masks, place, ball = seen.views, seen.masks, seen.place, _known_place(seen.place)
-    if ball is not None and seen.grey:
-        shown = spare_behind_light(views, masks, seen.grey)
-        fill = FILLED if seen.balance is None else seen.balance
-        lit = surface_by_brightness(views, shown, seen.grey, ball, fill, job.seed, job.progress)
-        if lit is not None:
-            return lit, shown
     support = None if place["support_plane"] is None else np.array(place["support_plane"], float)
-    unless_shown = STRETCHED if support is None and not seen.moving else FILLED
+    fill = (STRETCHED if support is None and not seen.moving else FILLED) if seen.balance is None else seen.balance
+    outlined = spare_behind_light(views, masks, seen.grey) if ball is not None and seen.grey else masks
+    if ball is not None and seen.grey:
+        lit = surface_by_brightness(views, outlined, seen.grey, ball, fill, job.seed, job.progress)
+        if lit is not None:
+            return lit, outlined
     beside = None
     if (job.work("join") / "other.npz").is_file():
         beside = Cloud.load(job.work("join") / "other.npz")
@@ -545,14 +544,13 @@ def _closed(job: Job, seen: Evidence) -> tuple[Surface, list[np.ndarray]]:
             support=support,
             moving=seen.moving,
             surroundings=beside,
-            fill=unless_shown if seen.balance is None else seen.balance,
+            fill=fill,
         )
         return surface, masks
     except NotPossible:
         if ball is None:
             raise
-    masks = shown if seen.grey else masks
-    return surface_of_outlines(views, masks, ball[0], WIDE * ball[1], job.progress, support), masks
+    return surface_of_outlines(views, outlined, ball[0], WIDE * ball[1], job.progress, support), outlined
 
 
 def _facts(surface: Surface, lost: float, overlap: dict[str, float]) -> dict[str, Any]:
