@@ -99,7 +99,7 @@ class _Header:
                     raise InputError(
                         f"{path}: {self.stored[0]}x{self.stored[1]} pixels are too many; reduce the image first"
                     )
-                main, self.detail = _exif(image)
+                main, self.detail = ({}, {}) if _plain_png(path, image) else _exif(image)
                 original = image.info.get("original_orientation")
         except InputError:
             raise
@@ -118,6 +118,14 @@ class _Header:
             _number(self.detail.get(0xA405)),
             zoom if zoom and zoom > 1 else None,
         )
+
+
+def _plain_png(path: Path, image: Any) -> bool:
+    """Whether a PNG has no EXIF and no XMP: Pillow would decode all its pixels to look behind them."""
+    if image.format != "PNG" or "exif" in image.info:
+        return False
+    content = path.read_bytes()
+    return not any(word in content for word in (b"eXIf", b"Raw profile type", b"XML:com.adobe.xmp"))
 
 
 def _exif(image: Any) -> tuple[dict[int, Any], dict[int, Any]]:

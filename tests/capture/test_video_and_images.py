@@ -110,6 +110,24 @@ def test_exif_focal_and_orientation(tmp_path: Path) -> None:
     assert photo.focal_px == pytest.approx(28 / 43.267 * 200, rel=1e-4)
 
 
+def test_exif_behind_the_pixels_of_a_png(tmp_path: Path) -> None:
+    """Where no pixel is decoded it has to be looked for there."""
+    exif = Image.Exif()
+    exif[0x0112] = 1
+    exif.get_ifd(0x8769)[0xA405] = 28
+    before, behind, without = (tmp_path / f"{name}.png" for name in ("before", "behind", "without"))
+    pixels = Image.fromarray(np.zeros((120, 160, 3), np.uint8))
+    pixels.save(before, exif=exif)
+    pixels.save(without)
+    content = before.read_bytes()
+    begin = content.index(b"eXIf") - 4
+    end = begin + 12 + int.from_bytes(content[begin : begin + 4], "big")
+    last = content.index(b"IEND") - 4
+    behind.write_bytes(content[:begin] + content[end:last] + content[begin:end] + content[last:])
+    focal = [inspect(path).focal_px for path in (before, behind, without)]
+    assert focal[0] is not None and focal == [focal[0], focal[0], None]
+
+
 def test_natural_order_and_mixed_formats(tmp_path: Path) -> None:
     for name in ("im10.png", "im2.jpg", "im1.PNG", "notes.txt"):
         cv2.imwrite(str(tmp_path / name), scene(0)) if not name.endswith("txt") else (tmp_path / name).write_text("x")

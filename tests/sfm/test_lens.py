@@ -254,3 +254,17 @@ def test_a_lens_of_a_thing_on_a_table_is_taken_where_it_shows_in_a_part_of_the_i
     assert not apart.lenses
     assert on_table.lenses[1].model == ONE
     assert models[1].cameras[1].params[3] == pytest.approx(-0.05, abs=0.02)
+
+
+@pytest.mark.parametrize(("k1", "worth_it"), [(0.0, False), (-0.02, True), (-0.08, True)])
+def test_an_adjustment_of_k1_is_foreseen(k1, worth_it):
+    from massprops.sfm.mapping import quiet
+    from massprops.sfm.refine import PROMISING, RefineOptions, _k1, _k1_expected, adjust
+
+    quiet()
+    options, model = RefineOptions(), pictured([(k1, 0.0, 0.0, 0.0, 1.0)], n=16, reach=1.5)
+    adjust(model, True, False, 0.5, 1, 40)
+    expected, found = _k1_expected(model, options, True, 0.5), _k1(model, options, True, 0.5, 1)
+    assert expected.shown(PROMISING * options.significance, PROMISING * options.visible_px) == worth_it
+    assert not found.shown(options.significance, options.visible_px) or worth_it
+    assert expected.k1 == pytest.approx(found.k1, abs=3 * found.sigma + 0.2 * abs(k1))
