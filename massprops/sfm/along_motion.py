@@ -45,7 +45,7 @@ from massprops.sfm.loops import NEXT, forget, pairs_to_compare
 from massprops.sfm.mapping import retriangulate, verify
 from massprops.sfm.motion_precision import tumble_precision
 from massprops.sfm.points import SparsePoints
-from massprops.sfm.refine import Refined, RefineOptions, adjust, honest, remove_outliers, robust_loss
+from massprops.sfm.refine import Effort, Refined, RefineOptions, adjust, honest, remove_outliers, robust_loss
 from massprops.sfm.sound import take_out
 from massprops.views import Views
 
@@ -322,7 +322,7 @@ def _own_poses(
     both = [pycolmap.Reconstruction(model), pycolmap.Reconstruction(model)]
     loss = robust_loss(model, given.options.refine)
     adjust_tumble(both[0], tumble, clock, loss, free_focal)
-    adjust(both[1], free_focal, False, loss, mapping.threads, 60, mapping.constant)
+    adjust(both[1], free_focal, False, loss, mapping.threads, Effort(60), mapping.constant)
     bound, unbound = (_cost(m, loss) for m in both)
     poses = 6 * model.num_reg_images()
     degrees_of_freedom = 2 * model.compute_num_observations() - 3 * model.num_points3D() - poses

@@ -10,7 +10,7 @@ import pycolmap
 from massprops.sfm.attempt import ModelInputs
 from massprops.sfm.footage import FootageRecord
 from massprops.sfm.global_images import write_global
-from massprops.sfm.refine import adjust
+from massprops.sfm.refine import Effort, adjust
 from massprops.sfm.rolling_shutter import Keypoints, frame_times
 from massprops.sfm.row_motion import Readout, Seen
 
@@ -38,7 +38,9 @@ def to_global_shutter(
             manager.deregister_frame(image.frame_id)
     keypoints = Keypoints(mapped)
     for _ in range(2):  # the shifts follow the poses, which follow the shifts
-        adjust(mapped, not mapping.fixed_intrinsics, False, LOSS_PX, given.options.threads, 20, mapping.constant)
+        adjust(
+            mapped, not mapping.fixed_intrinsics, False, LOSS_PX, given.options.threads, Effort(20), mapping.constant
+        )
         keypoints.correct(mapped, times or {}, readout)
     folder = given.work / "global"
     write_global(given.footage, seen, readout, folder)

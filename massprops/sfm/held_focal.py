@@ -16,7 +16,7 @@ from massprops.sfm.attempt import ModelInputs
 from massprops.sfm.database import FOCAL_FACTOR
 from massprops.sfm.footage import FootageRecord
 from massprops.sfm.last_adjustment import refine_options
-from massprops.sfm.refine import adjust, remove_outliers
+from massprops.sfm.refine import Effort, adjust, remove_outliers
 
 ROUNDS = 3
 """Adjustments by which a focal length that was held finds its place: from 17 % off it is 4 % off after three of 60 iterations each."""
@@ -49,6 +49,6 @@ def release(model: pycolmap.Reconstruction, given: ModelInputs, footage: Footage
     settings = refine_options(given.options, footage, free)
     for _ in range(ROUNDS):
         loss = remove_outliers(model, settings, CUT)
-        adjust(model, True, False, loss, free.threads, ITERATIONS)
+        adjust(model, True, False, loss, free.threads, Effort(ITERATIONS))
     options = replace(given.options, refine=settings)
     return replace(given, found=replace(given.found, mapping=free), footage=footage, options=options)

@@ -30,7 +30,7 @@ from massprops.sfm.footage import FootageRecord
 from massprops.sfm.free_motion import Piece, fit_centres, fit_rotation
 from massprops.sfm.oblique_patches import Grey, patch_candidates
 from massprops.sfm.points import SparsePoints, projected
-from massprops.sfm.refine import adjust, remove_outliers
+from massprops.sfm.refine import Effort, adjust, remove_outliers
 from massprops.sfm.turned import turn_image
 from massprops.views import Views
 
@@ -100,7 +100,7 @@ def join_pieces(
         pieces = assemble([Part(m, piece_images, STAYS) for m, piece_images in owners])
         # at first as they are: with another focal length than its own a piece fits badly
         mapping = given.found.mapping
-        adjust(pieces, not mapping.fixed_intrinsics, False, 1.0, mapping.threads, 40, mapping.constant)
+        adjust(pieces, not mapping.fixed_intrinsics, False, 1.0, mapping.threads, Effort(), mapping.constant)
         _adjust(pieces, given)
         joined = _joined(pieces, ids, given)
     except NotPossible:
@@ -129,7 +129,7 @@ def _adjust(model: pycolmap.Reconstruction, given: ModelInputs) -> None:
     mapping = given.found.mapping
     for _ in range(2):
         loss = remove_outliers(model, given.options.refine, 2.0)
-        adjust(model, not mapping.fixed_intrinsics, False, loss, mapping.threads, 40, mapping.constant)
+        adjust(model, not mapping.fixed_intrinsics, False, loss, mapping.threads, Effort(), mapping.constant)
     remove_outliers(model, given.options.refine, 2.0)
 
 

@@ -96,21 +96,23 @@ which outliers are removed between adjustments, the first in all five took 31 s 
 from those, its focal length .004 %, where their standard deviations are .011 degrees and .14 %."""
 
 
+class Effort(NamedTuple):
+    """When an adjustment ends: after so many iterations, or with a step whose relative gain is below the tolerance."""
+
+    iterations: int = 40
+    tolerance: float = COMPARED
+
+
 def adjust(
     model: pycolmap.Reconstruction,
     free_focal: bool,
     free_distortion: bool,
     loss_px: float | None,
     threads: int,
-    iterations: int = 40,
+    effort: Effort,
     constant: frozenset[int] = frozenset(),
-    tolerance: float = COMPARED,
 ) -> None:
-    """One global bundle adjustment in place; rigs, principal points and the cameras `constant` stay as they are.
-
-    Args:
-        tolerance: relative gain of a step below which it ends.
-    """
+    """One global bundle adjustment in place; rigs, principal points and the cameras `constant` stay as they are."""
     o = pycolmap.BundleAdjustmentOptions()
     o.refine_focal_length = free_focal
     o.refine_extra_params = free_distortion
@@ -120,8 +122,8 @@ def adjust(
     if loss_px is not None:
         o.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
         o.ceres.loss_function_scale = loss_px
-    o.ceres.solver_options.max_num_iterations = iterations
-    o.ceres.solver_options.function_tolerance = tolerance
+    o.ceres.solver_options.max_num_iterations = effort.iterations
+    o.ceres.solver_options.function_tolerance = effort.tolerance
     o.ceres.solver_options.num_threads = threads
     constant &= set(model.cameras)
     if not constant:
@@ -201,7 +203,7 @@ def refine(
     """
 
     def again(free_distortion: bool, iterations: int = 40, tolerance: float = FOLLOWED) -> None:
-        adjust(model, free_focal, free_distortion, loss, threads, iterations, options.constant, tolerance)
+        adjust(model, free_focal, free_distortion, loss, threads, Effort(iterations, tolerance), options.constant)
 
     # wide at first: an image whose pose is still poor must not lose the observations that would mend it
     loss = remove_outliers(model, options, 2.0)
@@ -256,7 +258,7 @@ def _lenses(
     loss = robust_loss(model, options)
 
     def fit(trial: pycolmap.Reconstruction) -> None:
-        adjust(trial, free_focal, True, loss, threads, 20, options.constant)
+        adjust(trial, free_focal, True, loss, threads, Effort(20), options.constant)
 
     return choose_lenses(model, fit, loss, visible_px, seed)
 
@@ -363,7 +365,7 @@ class _K1(NamedTuple):
 def _k1(model: pycolmap.Reconstruction, options: RefineOptions, free_focal: bool, loss: float, threads: int) -> _K1:
     """Of the camera with most views; tried on a copy."""
     trial = pycolmap.Reconstruction(model)
-    adjust(trial, free_focal, True, loss, threads, 15, options.constant)
+    adjust(trial, free_focal, True, loss, threads, Effort(15), options.constant)
     p = model_precision(trial, free_focal, 1, loss, options.constant)
     views, ids = to_views(trial)
     camera = np.array([trial.image(i).camera_id for i in ids], int)

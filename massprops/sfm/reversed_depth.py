@@ -16,7 +16,7 @@ from massprops.errors import NotPossible
 from massprops.sfm.convert import to_points, to_views
 from massprops.sfm.mapping import MappingOptions
 from massprops.sfm.points import residuals
-from massprops.sfm.refine import adjust
+from massprops.sfm.refine import Effort, adjust
 
 MIRROR = np.diag([1.0, 1.0, -1.0])
 SCALE_PX = 0.5
@@ -30,7 +30,7 @@ def depth_reversal_resolved(model: pycolmap.Reconstruction, mapping: MappingOpti
     if all(rig.num_sensors() == 1 for rig in model.rigs.values()):
         candidates.append(reversed_in_depth(model))
     for m in candidates:
-        adjust(m, not mapping.fixed_intrinsics, False, SCALE_PX, mapping.threads, 60, mapping.constant)
+        adjust(m, not mapping.fixed_intrinsics, False, SCALE_PX, mapping.threads, Effort(60), mapping.constant)
     costs = [_cost(m) for m in candidates]
     return candidates[int(np.argmin(costs))]
 

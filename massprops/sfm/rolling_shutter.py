@@ -20,7 +20,7 @@ from massprops.sfm.footage import FootageRecord
 from massprops.sfm.lens import FEWEST, HeldOut, distances, hold_out, loss
 from massprops.sfm.points import residuals
 from massprops.sfm.precision import Adjusted, further_parameters
-from massprops.sfm.refine import RefineOptions, adjust, robust_loss
+from massprops.sfm.refine import Effort, RefineOptions, adjust, robust_loss
 from massprops.sfm.row_motion import Readout, Seen, motion_of, moved_on, roughness, row_jacobian, row_shifts
 
 INFLATION = 2.5
@@ -117,7 +117,7 @@ class Settings:
         """The model, adjusted in place."""
         bent = any(self.radial_terms.values())
         scale = self.options.least_loss_px
-        adjust(model, self.free_focal, bent, scale, self.threads, 20, self.options.constant)
+        adjust(model, self.free_focal, bent, scale, self.threads, Effort(20), self.options.constant)
         return model
 
 

@@ -22,7 +22,7 @@ from massprops.errors import NotPossible
 from massprops.sfm.convert import HALF, to_points, to_views
 from massprops.sfm.points import project_camera
 from massprops.sfm.precision import Precision
-from massprops.sfm.refine import LAST, RefineOptions, adjust, honest, model_precision, robust_loss
+from massprops.sfm.refine import LAST, Effort, RefineOptions, adjust, honest, model_precision, robust_loss
 from massprops.views import Views, entries
 
 if TYPE_CHECKING:
@@ -109,7 +109,7 @@ def with_surface(
     trial = pycolmap.Reconstruction(model)
     _add(trial, views, ids, pieces)
     bent = bool(radial_terms if isinstance(radial_terms, int) else any(radial_terms.values()))
-    adjust(trial, free_focal, bent, options.least_loss_px, threads, 20, options.constant, LAST)
+    adjust(trial, free_focal, bent, options.least_loss_px, threads, Effort(20, LAST), options.constant)
     loss = robust_loss(trial, options)
     after = honest(model_precision(trial, free_focal, radial_terms, loss, options.constant), options.on_table)
     few = np.flatnonzero(np.bincount(pieces.view, minlength=len(views)) < LEAST)

@@ -48,12 +48,12 @@ def pictured(lenses, reach=3.0, noise=0.3, n=8, m=300, seed=0, start=ONE):
 
 def chosen(model, small=False, seed=0):
     from massprops.sfm.mapping import quiet
-    from massprops.sfm.refine import RefineOptions, adjust, refine
+    from massprops.sfm.refine import Effort, RefineOptions, adjust, refine
 
     quiet()
     if not small:
         # as mapping leaves it
-        adjust(model, True, True, 1.0, 1, 20)
+        adjust(model, True, True, 1.0, 1, Effort(20))
     return refine(model, RefineOptions(), True, True, 1, small, seed)
 
 
@@ -259,11 +259,11 @@ def test_a_lens_of_a_thing_on_a_table_is_taken_where_it_shows_in_a_part_of_the_i
 @pytest.mark.parametrize(("k1", "worth_it"), [(0.0, False), (-0.02, True), (-0.08, True)])
 def test_an_adjustment_of_k1_is_foreseen(k1, worth_it):
     from massprops.sfm.mapping import quiet
-    from massprops.sfm.refine import PROMISING, RefineOptions, _k1, _k1_expected, adjust
+    from massprops.sfm.refine import PROMISING, Effort, RefineOptions, _k1, _k1_expected, adjust
 
     quiet()
     options, model = RefineOptions(), pictured([(k1, 0.0, 0.0, 0.0, 1.0)], n=16, reach=1.5)
-    adjust(model, True, False, 0.5, 1, 40)
+    adjust(model, True, False, 0.5, 1, Effort())
     expected, found = _k1_expected(model, options, True, 0.5), _k1(model, options, True, 0.5, 1)
     assert expected.shown(PROMISING * options.significance, PROMISING * options.visible_px) == worth_it
     assert not found.shown(options.significance, options.visible_px) or worth_it
