@@ -31,7 +31,7 @@ from massprops.sfm.features import FeatureOptions, extract_all, unmasked_warning
 from massprops.sfm.footage import FootageRecord, FrameRecord
 from massprops.sfm.mapping import MappingOptions, map_images, match, verify
 from massprops.sfm.match_parts import MatchParts
-from massprops.sfm.refine import FOLLOWED, Effort, RefineOptions, adjust, remove_outliers
+from massprops.sfm.refine import Effort, RefineOptions, adjust, remove_outliers
 from massprops.sfm.reversed_depth import depth_reversal_resolved
 from massprops.sfm.steady import largest_jump, steady_stretch, stretches
 
@@ -485,7 +485,7 @@ def _in_time(model: pycolmap.Reconstruction, footage: FootageRecord, mapping: Ma
         loss = remove_outliers(trial, RefineOptions(given_focal=given), 2.0)
     except NotPossible:
         return None
-    adjust(trial, not mapping.fixed_intrinsics, False, loss, mapping.threads, Effort(20, FOLLOWED), mapping.constant)
+    adjust(trial, not mapping.fixed_intrinsics, False, loss, mapping.threads, Effort(20), mapping.constant)
     return _in_order(trial, footage)
 
 

@@ -18,7 +18,7 @@ from massprops.sfm.footage import FootageRecord
 from massprops.sfm.guided import Gate, Placed, joined, match_placed, off_line, place
 from massprops.sfm.mapping import retriangulate, verify
 from massprops.sfm.points import SparsePoints
-from massprops.sfm.refine import FOLLOWED, Effort, adjust, remove_outliers
+from massprops.sfm.refine import Effort, adjust, remove_outliers
 from massprops.sfm.sound import require_sound, take_out
 from massprops.views import Views
 
@@ -83,9 +83,7 @@ def match_predicted(
         model = retriangulate(model, attempt.database, given.frames, work / f"tracks{turn}", mapping)
         settings = options.refine
         loss = remove_outliers(model, settings, 2.0)
-        adjust(
-            model, not mapping.fixed_intrinsics, False, loss, mapping.threads, Effort(20, FOLLOWED), mapping.constant
-        )
+        adjust(model, not mapping.fixed_intrinsics, False, loss, mapping.threads, Effort(20), mapping.constant)
         require_sound(take_out(model, settings.given_focal)[2], settings.moving)
     return model
 
