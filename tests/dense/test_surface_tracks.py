@@ -90,7 +90,7 @@ def sphere_model(views: Views, xyz: np.ndarray, view: np.ndarray, point: np.ndar
 def test_tracks_of_the_surface_mend_attitudes_and_leave_the_models_points():
     from massprops.sfm.convert import to_views
     from massprops.sfm.mapping import quiet
-    from massprops.sfm.refine import RefineOptions, adjust, honest, model_precision
+    from massprops.sfm.refine import Effort, RefineOptions, adjust, honest, model_precision
     from massprops.sfm.surface_tracks import PIXELS, with_surface
 
     quiet()
@@ -98,7 +98,7 @@ def test_tracks_of_the_surface_mend_attitudes_and_leave_the_models_points():
     few = point < 60
     model = sphere_model(views, xyz, view[few], point[few], 0.6)
     options = RefineOptions()
-    adjust(model, False, False, 0.5, 1)
+    adjust(model, False, False, 0.5, 1, Effort())
     before = honest(model_precision(model, False, 0, 0.5))
     was, count = attitude_error(to_views(model)[0], views), model.num_points3D()
     after = with_surface(model, before, lambda i: images[i], options, False, False, PIXELS, 0, 1).precision
@@ -108,7 +108,7 @@ def test_tracks_of_the_surface_mend_attitudes_and_leave_the_models_points():
     assert model.num_points3D() == count
     # the same again, to the last digit
     again = sphere_model(views, xyz, view[few], point[few], 0.6)
-    adjust(again, False, False, 0.5, 1)
+    adjust(again, False, False, 0.5, 1, Effort())
     with_surface(again, before, lambda i: images[i], options, False, False, PIXELS, 0, 1)
     np.testing.assert_array_equal(found.R, to_views(again)[0].R)
 
