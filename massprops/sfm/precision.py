@@ -118,7 +118,7 @@ def precision(
     rms = float(np.sqrt(np.mean(r**2))) if k else float("nan")
     camera = np.zeros(n, int) if camera is None else np.asarray(camera)
     numbers, many = np.unique(camera, return_counts=True)
-    if n < 3 or k < 6 * n:
+    if not determined(views, points):
         return Precision(rms, np.nan if free_focal else 0.0, np.nan, np.full(n, np.nan), np.nan)
     how = Adjusted(free_focal, radial_terms, np.inf if loss_px is None else loss_px, camera, constant)
     weight = how.weight(r)
@@ -138,6 +138,11 @@ def precision(
         focal_relative_model=0.0 if long is None else float((independent * rms)[6 * n + long]),
         focal_by_camera=by_camera,
     )
+
+
+def determined(views: Views, points: SparsePoints) -> bool:
+    """Whether there are views and observations enough for their adjustment to have a precision."""
+    return len(views) >= 3 and len(points.obs_view) >= 6 * len(views)
 
 
 @dataclass(frozen=True)
@@ -185,6 +190,11 @@ class Lens:
     bent_at: dict[int, int]
 
 
+def radial_column(s: Derivatives, power: int) -> np.ndarray:
+    """Derivatives (k, 2) of each observation by the radial term of that power of the squared radius [px]."""
+    return np.stack([s.x * s.r2**power, s.y * s.r2**power], 1) * s.f[:, None]
+
+
 def _lens(s: Derivatives, points: SparsePoints, how: Adjusted) -> Lens:
     """Of every camera what was estimated of it."""
     camera, numbers = how.camera[points.obs_view], np.unique(how.camera).tolist()
@@ -200,7 +210,7 @@ def _lens(s: Derivatives, points: SparsePoints, how: Adjusted) -> Lens:
             columns.append(np.where(of_camera, np.stack([s.x * s.radial, s.y * s.radial], 1) * s.f[:, None], 0.0))
         for power in range(1, number + 1):
             bent_at.setdefault(c, len(columns))
-            columns.append(np.where(of_camera, np.stack([s.x * s.r2**power, s.y * s.r2**power], 1) * s.f[:, None], 0.0))
+            columns.append(np.where(of_camera, radial_column(s, power), 0.0))
     return Lens(columns, focal_at, bent_at)
 
 

@@ -18,7 +18,15 @@ import pycolmap
 from massprops.sfm.convert import take_out_images, to_points, to_views
 from massprops.sfm.lens import MODELS, LensChoice, choose_lenses, k1_evidence, set_models
 from massprops.sfm.points import SparsePoints, residuals
-from massprops.sfm.precision import Adjusted, Precision, derivatives, further_parameters, precision
+from massprops.sfm.precision import (
+    Adjusted,
+    Precision,
+    derivatives,
+    determined,
+    further_parameters,
+    precision,
+    radial_column,
+)
 from massprops.sfm.sound import require_sound, take_out
 from massprops.views import Views
 
@@ -91,8 +99,8 @@ ATTITUDE_INFLATION = 3.0
 
 
 COMPARED, LAST, FOLLOWED = 1e-7, 1e-5, 1e-4
-"""Tolerances of an adjustment whose cost is compared with another's, of a last one, and of one that another follows. On an asteroid of 150 images, of
-which outliers are removed between adjustments, the first in all five took 31 s of CPU, the others 17 s. Its attitudes came out .005 degrees
+"""Tolerances of an adjustment that a model grows from or whose cost is compared with another's, of the last one, and of those that lead to it.
+On an asteroid of 150 images, of which outliers are removed between adjustments, the first in all five took 31 s of CPU, the others 17 s. Its attitudes came out .005 degrees
 from those, its focal length .004 %, where their standard deviations are .011 degrees and .14 %."""
 
 
@@ -368,8 +376,7 @@ def _k1(model: pycolmap.Reconstruction, options: RefineOptions, free_focal: bool
     adjust(trial, free_focal, True, loss, threads, Effort(15), options.constant)
     p = model_precision(trial, free_focal, 1, loss, options.constant)
     views, ids = to_views(trial)
-    camera = np.array([trial.image(i).camera_id for i in ids], int)
-    main = int(np.argmax(np.bincount(camera)))
+    camera, main = _cameras(trial, ids)
     k1 = float(views.distortion[np.flatnonzero(camera == main)[0], 0])
     return _K1(main, k1, p.distortion, _moved_px(views, to_points(trial, ids), camera == main, k1))
 
@@ -378,14 +385,20 @@ def _k1_expected(model: pycolmap.Reconstruction, options: RefineOptions, free_fo
     """The same to first order, without an adjustment."""
     views, ids = to_views(model)
     points = to_points(model, ids)
-    camera = np.array([model.image(i).camera_id for i in ids], int)
-    main = int(np.argmax(np.bincount(camera)))
-    slopes = derivatives(views, points)
-    column = np.stack([slopes.x, slopes.y], axis=1) * (slopes.r2 * slopes.f)[:, None]
-    column[camera[points.obs_view] != main] = 0
+    camera, main = _cameras(model, ids)
+    if not determined(views, points):
+        return _K1(main, np.nan, np.nan, np.nan)
+    of_main = (camera[points.obs_view] == main)[:, None]
+    column = np.where(of_main, radial_column(derivatives(views, points), 1), 0.0)
     how = Adjusted(free_focal, 0, loss, camera, options.constant)
     (k1,), (sigma,) = further_parameters(views, points, how, [column])
     return _K1(main, float(k1), float(sigma), _moved_px(views, points, camera == main, float(k1)))
+
+
+def _cameras(model: pycolmap.Reconstruction, ids: list[int]) -> tuple[np.ndarray, int]:
+    """Numbers (n,) of the images' cameras, and that of most of them."""
+    camera = np.array([model.image(i).camera_id for i in ids], int)
+    return camera, int(np.argmax(np.bincount(camera)))
 
 
 def _moved_px(views: Views, points: SparsePoints, of_camera: np.ndarray, k1: float) -> float:

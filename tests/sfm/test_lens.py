@@ -268,3 +268,10 @@ def test_an_adjustment_of_k1_is_foreseen(k1, worth_it):
     assert expected.shown(PROMISING * options.significance, PROMISING * options.visible_px) == worth_it
     assert not found.shown(options.significance, options.visible_px) or worth_it
     assert expected.k1 == pytest.approx(found.k1, abs=3 * found.sigma + 0.2 * abs(k1))
+
+
+def test_k1_of_next_to_no_observations_is_not_foreseen():
+    from massprops.sfm.refine import RefineOptions, _k1_expected
+
+    model = pictured([(-0.08, 0.0, 0.0, 0.0, 1.0)], n=3, m=5, reach=1.0)
+    assert not _k1_expected(model, RefineOptions(), True, 0.5).shown(0.0, 0.0)
