@@ -15,6 +15,7 @@ from massprops.errors import NotPossible
 from massprops.sfm.attempt import ModelInputs, SfmOptions
 from massprops.sfm.best_attempt import placed
 from massprops.sfm.contradictions import contradictions
+from massprops.sfm.film_starts import MappedFootage, best_start
 from massprops.sfm.footage import FootageRecord
 from massprops.sfm.grown_film import (
     along_free_motion,
@@ -65,6 +66,21 @@ def _reconstruct(
     footage: FootageRecord, work: Path, options: SfmOptions, progress: Progress, held: FootageRecord | None
 ) -> SfmResult:
     """As `reconstruct`; held: the footage with a focal length to begin with."""
+
+    def begin(start: int, folder: Path) -> MappedFootage:
+        return _mapped(footage, folder, replace(options, seed=options.seed + start), progress, held)
+
+    return _finished(best_start(begin, footage, work), progress)
+
+
+def _mapped(
+    footage: FootageRecord, work: Path, options: SfmOptions, progress: Progress, held: FootageRecord | None
+) -> MappedFootage:
+    """Its images placed, before the last adjustment; held: the footage with a focal length to begin with.
+
+    Raises:
+        NotPossible: as `reconstruct`.
+    """
     attempt = placed(held or footage, work, options, progress)
     if attempt.moved:  # what is about the object tells nothing of where it was
         footage = replace(footage, motion="tumbling")
@@ -89,24 +105,37 @@ def _reconstruct(
             model, more = with_pieces(model, attempt, given)
             warnings += more
     grown_otherwise = attempt is not given.found
+    given = replace(given, found=attempt)
     if held is not None:
-        given = release(model, replace(given, found=attempt), footage)
-        attempt, options = given.found, given.options
+        given = release(model, given, footage)
     along = along_free_motion(model, given) if tumbling and len(footage.cameras) == 1 else None
     if along is not None:
         model, following = along
-        options = replace(options, refine=replace(options.refine, following=following))
+        given = replace(
+            given, options=replace(given.options, refine=replace(given.options.refine, following=following))
+        )
     if grown_otherwise and not attempt.special:
         warnings += left_out(whole - model.num_reg_images())
     if not footage.moving_pictures and model.num_reg_images() < len(footage.frames):
         model = add_left_out_images(model, given)
         if not (attempt.repeats or attempt.matches_required):
             model = join_models(model, apart(model, attempt.models), given)
+    return MappedFootage(model, given, first, warnings)
+
+
+def _finished(mapped: MappedFootage, progress: Progress) -> SfmResult:
+    """The last adjustment, and what is said of it.
+
+    Raises:
+        NotPossible: the views do not turn around the object.
+    """
+    model, given, warnings = mapped.model, mapped.given, mapped.warnings
+    footage, attempt, options = given.footage, given.found, given.options
     sizes = tuple((m.num_reg_images(), m.num_points3D()) for m in (model, *apart(model, attempt.models)))
-    mapped = pycolmap.Reconstruction(model)
+    before = pycolmap.Reconstruction(model)
     result = finish(model, footage, attempt.mapping, options, sizes, list(warnings), progress)
-    result = with_shutter(corrected_by_shutter(result, mapped, given, sizes, warnings))
-    against = contradictions(model, attempt.database if footage.background == "black" else first)
+    result = with_shutter(corrected_by_shutter(result, before, given, sizes, warnings))
+    against = contradictions(model, attempt.database if footage.background == "black" else mapped.first)
     objections = against.said({f.name: f.source_name for f in footage.frames})
     masked = attempt.mapping.masked
     return replace(

@@ -16,7 +16,7 @@ from massprops.sfm.along_motion import follow_free_motion, refine_along
 from massprops.sfm.assembled import STAYS, Part, Similarity, assemble
 from massprops.sfm.convert import take_out_images, to_points, to_views
 from massprops.sfm.free_adjustment import MOTION, MotionSystem, State, adjust_tumble, fit_line
-from massprops.sfm.free_motion import MOST_LOG, FreeRotation
+from massprops.sfm.free_motion import BASIS, MOST_LOG, FreeRotation
 from massprops.sfm.points import residuals
 from massprops.sfm.reversed_depth import reversed_in_depth
 
@@ -181,3 +181,35 @@ def test_a_motion_that_no_image_is_left_of_is_refused(tmp_path):
     take_out_images(model, list(model.reg_image_ids()))
     with pytest.raises(NotPossible, match="none is left"):
         adjust_tumble(model, tumble()[0], lambda name: 0.0, 1.0, True)
+
+
+def test_all_is_matched_anew_until_the_motion_rests(tmp_path, monkeypatch):
+    model, given, _ = apart(tmp_path, tumbling())
+    moved, gates, one_round = iter([5.0, 0.5]), [], along_motion._round
+
+    def counted(model, start, names, gate, *rest):
+        gates.append(gate)
+        return one_round(model, start, names, gate, *rest)
+
+    monkeypatch.setattr(along_motion, "_round", counted)
+    monkeypatch.setattr(along_motion, "_moved_px", lambda *rest: next(moved))
+    assert follow_free_motion(model, given) is not None
+    assert gates[-5:] == [*along_motion.GATES[1:], *along_motion.GATES]
+
+
+def test_a_motion_in_other_axes_of_the_body_moves_nothing(tmp_path):
+    given, _ = pieces(tmp_path, tumbling(40), which=range(16))
+    found, times = tumble()[0], np.arange(0, 20.0)
+    turn = Rotation.from_rotvec([0.3, -0.4, 0.2]).as_matrix()
+    log = np.einsum("k,kij->ij", found.turning.inertia, BASIS)
+    turned = replace(
+        found.turning,
+        attitude=found.turning.attitude @ turn,
+        rate=turn.T @ found.turning.rate,
+        inertia=np.einsum("kij,ij->k", BASIS, turn.T @ log @ turn),
+    )
+    model = given.found.models[0]
+    other = replace(found, turning=turned, centre=turn.T @ found.centre)
+    assert along_motion._moved_px(model, found, other, times) < 1e-6
+    faster = replace(found, turning=replace(found.turning, rate=1.05 * found.turning.rate))
+    assert along_motion._moved_px(model, found, faster, times) > 2

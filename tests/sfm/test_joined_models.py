@@ -118,5 +118,5 @@ def test_photographs_are_joined_and_frames_of_a_video_are_not(tmp_path, monkeypa
     monkeypatch.setattr(reconstruct, "join_models", lambda model, apart, given: asked.append(len(apart)) or model)
     for kind in ("images", "video"):
         with pytest.raises(StopIteration):
-            reconstruct.reconstruct(replace(given.footage, kind=kind), tmp_path, SfmOptions(threads=1))
+            reconstruct.reconstruct(replace(given.footage, kind=kind), tmp_path / kind, SfmOptions(threads=1))
     assert asked == [1]

@@ -137,5 +137,7 @@ def test_films_of_tumbling_bodies_are_joined_so_and_photographs_are_not(tmp_path
     monkeypatch.setattr(grown_film, "join_pieces", lambda model, apart, given: asked.append(len(apart)) or model)
     for kind, motion in (("video", "tumbling"), ("video", "static"), ("images", "tumbling")):
         with pytest.raises(StopIteration):
-            reconstruct.reconstruct(replace(given.footage, kind=kind, motion=motion), tmp_path, SfmOptions(threads=1))
+            reconstruct.reconstruct(
+                replace(given.footage, kind=kind, motion=motion), tmp_path / kind / motion, SfmOptions(threads=1)
+            )
     assert asked == [1]
