@@ -15,7 +15,7 @@ shakes, a thruster, a hand that turns the body are then left to their own poses.
 from __future__ import annotations
 
 import zlib  # noqa: F401  must precede pycolmap
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -45,6 +45,7 @@ from massprops.sfm.loops import NEXT, forget, pairs_to_compare
 from massprops.sfm.mapping import retriangulate, verify
 from massprops.sfm.motion_precision import tumble_precision
 from massprops.sfm.points import SparsePoints
+from massprops.sfm.precision import Precision
 from massprops.sfm.refine import Effort, Refined, RefineOptions, adjust, honest, remove_outliers, robust_loss
 from massprops.sfm.sound import take_out
 from massprops.views import Views
@@ -68,6 +69,10 @@ MOST_RMS_DEG = 1.0
 
 GAP = 1.5
 """Steps between images from which on the turn across may be anything."""
+
+FOCAL_BY_ALL = 0.02
+"""Standard deviation, relative, that is stated of a focal length by all features, and from which on it is taken in place of that by those within
+the outline. Of a body in foil (Blender) that of all was .9 % off, that of the others 9 % by a stated 6 %; of two more all were within .3 %."""
 
 WORSE = 4.0
 """How much more the observations may gain by the images' own poses, as the robust loss counts, than independent errors would by so
@@ -193,17 +198,23 @@ def refine_along(
     model: pycolmap.Reconstruction, following: Following, options: RefineOptions, free_focal: bool
 ) -> Refined:
     """The last adjustment, in place, by a motion. It is adjusted to what does not lie at outlines; images that show little else get their
-    poses from it all the same.
+    poses from it all the same. Where that hardly tells the focal length, it stays as all features had it.
 
     Raises:
         NotPossible: too little is left.
     """
-    clock, inner, tumble = following.clock, pycolmap.Reconstruction(model), following.tumble
+    clock, inner = following.clock, pycolmap.Reconstruction(model)
     drop_outline_points(inner, following.footage)
-    for _ in range(options.rounds):
-        loss = remove_outliers(inner, options)
-        take_out(inner, options.given_focal)
-        tumble = adjust_tumble(inner, tumble, clock, loss, free_focal)
+    by_all = pycolmap.Reconstruction(inner)
+
+    def stated(names: Sequence[str]) -> Precision:
+        return honest(tumble_precision(inner, tumble, clock, loss, free_focal, names), options.on_table)
+
+    tumble, loss = _adjusted(inner, following, options, free_focal)
+    held = stated(to_views(inner)[0].names).focal_relative > FOCAL_BY_ALL
+    if held:
+        inner = by_all
+        tumble, loss = _adjusted(inner, following, options, False)
     for camera_id, camera in inner.cameras.items():
         model.cameras[camera_id].params = camera.params
     for _ in range(options.rounds):
@@ -212,8 +223,23 @@ def refine_along(
         take_out(model, options.given_focal)
     hold_to_tumble(model, tumble, clock, loss)
     model.update_point_3d_errors()
-    precision = tumble_precision(inner, tumble, clock, loss, free_focal, to_views(model)[0].names)
-    return Refined(honest(precision, options.on_table), dict[int, LensChoice]())
+    precision = stated(to_views(model)[0].names)
+    if held:
+        by_camera = dict.fromkeys(precision.focal_by_camera, FOCAL_BY_ALL)
+        precision = replace(precision, focal_relative=FOCAL_BY_ALL, focal_by_camera=by_camera)
+    return Refined(precision, dict[int, LensChoice]())
+
+
+def _adjusted(
+    model: pycolmap.Reconstruction, following: Following, options: RefineOptions, free_focal: bool
+) -> tuple[Tumble, float]:
+    """A model adjusted in place by its motion: that, and the scale of the loss [px]."""
+    tumble = following.tumble
+    for _ in range(options.rounds):
+        loss = remove_outliers(model, options)
+        take_out(model, options.given_focal)
+        tumble = adjust_tumble(model, tumble, following.clock, loss, free_focal)
+    return tumble, loss
 
 
 @dataclass(frozen=True)
