@@ -19,10 +19,12 @@ import pycolmap
 from massprops.errors import NotPossible
 from massprops.sfm.along_motion import CUTS, GATES
 from massprops.sfm.attempt import ENOUGH, ModelInputs
+from massprops.sfm.contradictions import contradictions
 from massprops.sfm.convert import to_points, to_views
 from massprops.sfm.footage import FootageRecord
 from massprops.sfm.free_adjustment import cauchy_cost
 from massprops.sfm.grown_film import is_film, with_features
+from massprops.sfm.verified_matches import MANY
 
 STARTS = 3
 """Times that a film is mapped at most."""
@@ -65,10 +67,14 @@ class MappedFootage:
 
     @property
     def convinces(self) -> bool:
-        """Whether nearly all images are placed that show something, and by a motion that they follow, if by any."""
+        """Whether nearly all images are placed that show something, by a motion that they follow or by matches that do not contradict
+        each other."""
         following = self.given.options.refine.following
-        placed = self.model.num_reg_images() >= ENOUGH * with_features(self.given)
-        return placed and (following is None or following.gain < CONVINCES)
+        if self.model.num_reg_images() < ENOUGH * with_features(self.given):
+            return False
+        if following is not None:
+            return following.gain < CONVINCES
+        return contradictions(self.model, self.given.found.database).share < MANY
 
     def agrees(self, other: MappedFootage) -> bool:
         """Whether nearly all images that show something are turned alike by both."""

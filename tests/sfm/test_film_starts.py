@@ -93,6 +93,12 @@ def test_a_model_explains_more_by_more_observations_and_by_nearer_ones(mapped):
 
 def test_a_model_convinces_that_places_all_by_a_motion_that_they_follow(mapped):
     assert mapped.convinces
+    bent = pycolmap.Reconstruction(mapped.model)
+    for image_id in sorted(bent.reg_image_ids())[::2]:
+        frame = bent.frame(bent.image(image_id).frame_id)
+        pose = frame.rig_from_world.matrix()
+        frame.rig_from_world = pycolmap.Rigid3d(pycolmap.Rotation3d(pose[:, :3]), pose[:, 3] + [0.0, 0.0, 5.0])
+    assert not replace(mapped, model=bent).convinces
     part = pycolmap.Reconstruction(mapped.model)
     take_out_images(part, set(part.reg_image_ids()[:2]))
     assert not replace(mapped, model=part).convinces
