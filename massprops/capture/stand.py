@@ -27,6 +27,9 @@ FLAT = 0.65
 """Share of what faces up beside the foot, within four times the height up to which points are on a level, that lies on it, from which on the
 level is flat: of the plate of a photographed stamp and of a plain block (Blender) .95 and .90 to .98 lie there, of bananas side by side .40, of a
 slope .25. Asked where colours do not tell a stand from what it carries."""
+TILTED_DEG = 10.0
+"""Angle between a level and the median point on it beside the foot from which on it is a slice of something round: 4 to 8 degrees on the plate of a
+photographed stamp, 14 to 22 of bananas side by side, of which a seed in two found such a level, and 22 of a shoe (Blender)."""
 ALIKE = 0.6
 """Overlap of the colours of stand and carried (Bhattacharyya) above which they may as well be one thing: a plate with its
 handle, a machined part with its boss."""
@@ -198,11 +201,14 @@ def _is_narrow(scene: Scene, own: np.ndarray, rise: np.ndarray, step: float, top
 
 
 def _is_round(scene: Scene, own: np.ndarray, rise: np.ndarray, step: float, top: np.ndarray) -> bool:
-    """Whether what faces up beside the foot of what is above a level does not lie on the level; arguments of `_carried`."""
+    """Whether what faces up beside the foot of what is above a level does not lie on the level, or faces other ways than it; arguments of
+    `_carried`."""
     near = (np.abs(rise) < 4 * step) & (scene.normal[own] @ top[:3] > FACING)
     beside = _beyond_foot(scene, own, rise, step, top, near)[0] > 0
-    on = np.abs(rise[near]) < step
-    return bool(on[beside].sum() < FLAT * max(beside.sum(), 1))
+    on = beside & (np.abs(rise[near]) < step)
+    if on.sum() < FLAT * max(beside.sum(), 1):
+        return True
+    return bool(np.median(scene.normal[own][near][on] @ top[:3]) < np.cos(np.deg2rad(TILTED_DEG)))
 
 
 def _beyond_foot(

@@ -502,7 +502,9 @@ def test_round_tops_beside_a_thing_are_no_ledge_of_a_stand() -> None:
     rounded = 0.8 * (np.sqrt(1 - (across / 0.8) ** 2) - 1)
     upright = np.where(np.abs(across) < 0.8 * np.sin(np.arccos(FACING)), 1.0, 0.0)
     top = np.array([0.0, 0.0, 1.0, 0.0])
-    for low, facing, expected in ((0.0 * rounded, np.ones(len(beside)), False), (rounded, upright, True)):
+    noisy, slice_of_round = (np.cos(np.deg2rad(rng.uniform(0, most, len(beside)))) for most in (10.0, 30.0))
+    tops = ((0.0 * rounded, noisy, False), (rounded, upright, True), (0.0 * rounded, slice_of_round, True))
+    for low, facing, expected in tops:
         level = np.column_stack([beside, low + 0.005 * rng.standard_normal(len(beside))])
         xyz = np.concatenate([level, wall])
         normal = np.zeros((len(xyz), 3))
