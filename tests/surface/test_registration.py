@@ -14,6 +14,7 @@ from synthetic_dense import cameras, observe
 
 from massprops.dynamics.quaternion import rotation_matrix
 from massprops.mass.integrals import hull_corners
+from massprops.surface import registration
 from massprops.surface.answers import Answer, PlacementPair
 from massprops.surface.cloud import Cloud
 from massprops.surface.coherence import Extent, Witnesses
@@ -213,3 +214,21 @@ def test_each_placement_rests_on_what_the_other_lay_on(lean: float) -> None:
     rested = resting(first, second, R, t)
     assert np.allclose(rested, [0.3, -0.2, 1.0], atol=0.03)
     assert np.array_equal(resting(placed_nowhere(cloud), placed_nowhere(cloud), R, t), t)
+
+
+@pytest.mark.parametrize(("outside", "joined"), [(3.6, True), (1.9, False)])
+def test_an_answer_that_silhouettes_tell_is_no_rival_of_like_paint(
+    monkeypatch: pytest.MonkeyPatch, outside: float, joined: bool
+) -> None:
+    """As of the two faces of a photographed stamp: the right answer, the one that fits next, and one of as much paint."""
+    monkeypatch.setattr(registration, "same_side", lambda *rest: False)
+    side = SimpleNamespace(rim_error=0.4)
+    both: Any = SimpleNamespace(
+        first=side, second=side, covariance=lambda a: np.eye(6), one_body=lambda one, other: False
+    )
+    turns = [Rotation.from_rotvec([0.0, 0.0, a]).as_matrix() for a in np.linspace(0, 5, 9)]
+    measured = [(1.05, 0.298), (1.36, 0.0), (outside, 0.299), *[(5.0, 0.0)] * 6]
+    answers = [Answer(R, np.zeros(3), px, paint) for R, (px, paint) in zip(turns, measured, strict=True)]
+    found = registration._registration(both, sorted(answers, key=lambda a: a.outside))
+    assert found.clear is joined
+    assert not joined or np.allclose(found.R, turns[0])
