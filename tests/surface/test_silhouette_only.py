@@ -16,7 +16,7 @@ from massprops.surface import silhouette_only
 from massprops.surface.cloud import Cloud
 from massprops.surface.reconstruct import reconstruct_surface
 from massprops.surface.silhouette import make_hull
-from massprops.surface.silhouette_only import silhouette_only_space
+from massprops.surface.silhouette_only import SilhouetteOnly, silhouette_only_space
 from massprops.views import Views
 
 VIEWS = cameras(sphere_directions(30), 4.0, 330.0)
@@ -63,6 +63,19 @@ def test_before_black_sky_a_thin_bar_is_a_part_and_a_wide_outline_none() -> None
     fine = BLOCK.subdivide_to_size(0.03)
     smaller = 0.95 * np.asarray(fine.vertices), np.asarray(fine.faces)
     assert silhouette_only_space(smaller, views, masks, hull, 0.02, 0, sharp=True) is None
+
+
+@pytest.mark.parametrize(
+    ("shown", "sky", "expected"), [(30, 0, 1.0), (8, 0, 0.8), (2, 0, 0.2), (12, 8, 0.6), (4, 4, 0.0)]
+)
+def test_views_in_which_a_place_lies_on_the_mesh_tell_nothing_of_it(shown: int, sky: int, expected: float) -> None:
+    """A boom that stands before the body in most images is as much a part as one that stands out in all."""
+
+    def full(count: int, first: int = 0) -> list[np.ndarray]:
+        return [np.full((h, w), first <= i < first + count) for i, (w, h) in enumerate(VIEWS.size)]
+
+    found = SilhouetteOnly(VIEWS, full(shown), full(sky, shown), np.zeros((0, 3)), np.zeros((0, 3)))
+    assert found.share(np.zeros((1, 3)))[0] == pytest.approx(expected)
 
 
 def test_a_bar_of_which_only_the_end_was_measured_is_kept() -> None:
