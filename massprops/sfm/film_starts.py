@@ -1,4 +1,4 @@
-"""A flying body's film mapped from several starts, of which the one that explains most is kept.
+"""A flying body's film mapped from several starts, until one convinces; else the one that explains most is kept.
 
 Crinkled foil and dark sides leave few matches that are right, and where a mapper begins decides what it makes of them. Of one body in
 foil (Blender) a first start placed 30 of 88 images, a second one 82, all of them right; of another a first start came to a motion that was
@@ -10,7 +10,7 @@ from __future__ import annotations
 import zlib  # noqa: F401  must precede pycolmap
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +36,11 @@ motions within 1.5 degrees gained 1.4 to 1.6 and once 2.8, one that was off by 6
 ALIKE_DEG = 1.0
 """Turn of an image up to which two starts have placed it alike. Of a body in foil whose motion gained 2.8 two starts differ by .7 degrees;
 where one is wrong, by 2 to 26 in some images."""
+
+UNSURE = (
+    "the film was mapped several times, and no two results agree, nor does one convince: its images may be placed wrongly; film it sharper, "
+    "slower, better lit or with less compression"
+)
 
 
 @dataclass(frozen=True)
@@ -76,6 +81,10 @@ class MappedFootage:
             return following.gain < CONVINCES
         return contradictions(self.model, self.given.found.database).share < MANY
 
+    def warned(self, line: str) -> MappedFootage:
+        """The same with a further warning."""
+        return replace(self, warnings=[*self.warnings, line])
+
     def agrees(self, other: MappedFootage) -> bool:
         """Whether nearly all images that show something are turned alike by both."""
         from scipy.spatial.transform import Rotation
@@ -92,7 +101,9 @@ class MappedFootage:
 
 
 def best_start(begin: Callable[[int, Path], MappedFootage], footage: FootageRecord, work: Path) -> MappedFootage:
-    """The footage mapped; what flies before a black sky from further starts, as long as none convinces.
+    """The footage mapped; what flies before a black sky from further starts, until one convinces or two agree.
+
+    Where none convinces, that which explains most is taken.
 
     Args:
         begin: maps it by the number of a start in an empty folder.
@@ -108,12 +119,22 @@ def best_start(begin: Callable[[int, Path], MappedFootage], footage: FootageReco
         and len(footage.cameras) == 1
     )
     found = [begin(0, _empty(work / "start0"))]
-    for number in range(1, STARTS if flies else 1):
-        if found[-1].convinces or any(found[-1].agrees(other) for other in found[:-1]):
+    if not flies:
+        return found[0]
+    for number in range(1, STARTS):
+        if _is_sure(found):
             break
         with suppress(NotPossible):
             found.append(begin(number, _empty(work / f"start{number}")))
-    return max(found, key=lambda mapped: mapped.explained)
+    if found[-1].convinces:
+        return found[-1]
+    best = max(found, key=lambda mapped: mapped.explained)
+    return best if _is_sure(found) else best.warned(UNSURE)
+
+
+def _is_sure(found: list[MappedFootage]) -> bool:
+    """Whether the last start convinces or agrees with one before."""
+    return found[-1].convinces or any(found[-1].agrees(other) for other in found[:-1])
 
 
 def _empty(folder: Path) -> Path:
