@@ -49,6 +49,10 @@ def test_range_is_the_median_over_distance():
     assert scale.source == "range"
     assert scale.metres_per_unit == pytest.approx(15.0, rel=4 * scale.relative_sigma)
     assert scale.relative_sigma < 0.002
+    by_estimated_focal = find_scale(
+        ScaleInputs(length=2.0, views=views, centre_of_mass=com, range=series, focal_sigma=0.01)
+    )
+    assert by_estimated_focal.relative_sigma == pytest.approx(np.hypot(0.01, scale.relative_sigma))
     late = RangeSeries(views.timestamp_ns + 10**12, measured, 0.1)
     with pytest.raises(InputError, match="clock"):
         find_scale(ScaleInputs(length=2.0, views=views, centre_of_mass=com, range=late))
@@ -63,7 +67,7 @@ def test_the_most_precise_wins_and_conflicts_are_said():
 
 
 def test_rig_scale_carries_the_focal_length():
-    scale = find_scale(ScaleInputs(length=2.0, rig_metres=1.0, rig_focal_sigma=0.01))
+    scale = find_scale(ScaleInputs(length=2.0, rig_metres=1.0, focal_sigma=0.01))
     assert scale.source == "baseline" and scale.metres_per_unit == pytest.approx(2.0)
     assert scale.relative_sigma == pytest.approx(0.01, rel=0.1)
 
@@ -153,7 +157,7 @@ def everything(folder):
     series = RangeSeries(views.timestamp_ns, 7.5 * np.linalg.norm(views.centres - com, axis=1), 0.1)
     return ScaleInputs(
         length=2.0, views=views, points=points, centre_of_mass=com, frames=folder, range=series, rig_metres=5.0,
-        rig_focal_sigma=0.01, given=3.0, given_sigma=0.02, distance=("1", "6", 1.0), marker=f"4X4_50:{3 * side}",
+        focal_sigma=0.01, given=3.0, given_sigma=0.02, distance=("1", "6", 1.0), marker=f"4X4_50:{3 * side}",
     )  # fmt: skip
 
 

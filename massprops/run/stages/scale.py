@@ -41,7 +41,7 @@ def run(job: Job) -> dict[str, Any]:
         frames=frames_folder(job.run / "work"),
         range=_range(Path(o.source)) if footage.motion == "tumbling" else None,
         rig_metres=sfm.get("scale_metres_per_unit"),
-        rig_focal_sigma=float(sfm.get("focal_sigma_relative") or 0.0),
+        focal_sigma=float(sfm.get("focal_sigma_relative") or 0.0),
         given=o.scale,
         given_sigma=o.scale_sigma,
         distance=o.distance,

@@ -26,7 +26,7 @@ class ScaleInputs:
         frames: folder of the stored frames, or None.
         range: chaser to centre of mass, or None.
         rig_metres: metres per unit of the reconstruction by a rig's mounting, or None.
-        rig_focal_sigma: relative 1-sigma of the focal length, which scales with the baseline's depth.
+        focal_sigma: relative 1-sigma of the focal length: distances to the object, over its size, are in proportion to it.
         given: metres per model unit, or None.
         given_sigma: relative 1-sigma of any length that the user gave.
         distance: two points and metres, or None.
@@ -41,7 +41,7 @@ class ScaleInputs:
     frames: Path | None = None
     range: RangeSeries | None = None
     rig_metres: float | None = None
-    rig_focal_sigma: float = 0.0
+    focal_sigma: float = 0.0
     given: float | None = None
     given_sigma: float = 0.0
     distance: tuple[str, str, float] | None = None

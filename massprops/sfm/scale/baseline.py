@@ -12,4 +12,4 @@ def estimate(inputs: ScaleInputs) -> ScaleEstimate | None:
     """Depth scales with baseline times focal length, so the focal length's error counts."""
     if inputs.rig_metres is None:
         return None
-    return ScaleEstimate("baseline", inputs.rig_metres, math.hypot(MOUNTING, inputs.rig_focal_sigma))
+    return ScaleEstimate("baseline", inputs.rig_metres, math.hypot(MOUNTING, inputs.focal_sigma))

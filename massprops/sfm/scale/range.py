@@ -11,7 +11,7 @@ def estimate(inputs: ScaleInputs) -> ScaleEstimate | None:
     """Median of range over |camera centre - centre of mass|; ranges are interpolated to the images of cam0.
 
     The sigma is that of a median, 1.253 robust standard deviations over the root of the count, and no less than the
-    instrument's own.
+    instrument's own. The focal length's error counts beside it: with one too long by 1 % the object is as much too far for its size.
     """
     r, views = inputs.range, inputs.views
     if r is None or views is None or inputs.centre_of_mass is None or len(r.range_m) == 0:
@@ -36,7 +36,7 @@ def estimate(inputs: ScaleInputs) -> ScaleEstimate | None:
     spread = mad_sigma(ratio / scale - 1)
     count = min(int(inside.sum()), len(r.range_m))
     stated = (r.sigma_m or 0.0) / float(np.median(measured))
-    sigma = 1.253 * max(spread, stated) / np.sqrt(count)
+    sigma = np.hypot(1.253 * max(spread, stated) / np.sqrt(count), inputs.focal_sigma)
     warnings = ()
     if spread > max(0.02, 4 * stated):
         warnings = (
