@@ -89,6 +89,7 @@ class ImageEvidence:
         contradicting: two such images, in words.
         matches_required: where sides look alike and pairs of images with few matches were given up, the matches that were asked for; else 0.
         readings: what else the object may be, in words, where nothing decides; the one that is used first.
+        unsure: a film was mapped several times, no two results agree, and none convinces.
         shutter: what is said of a rolling shutter that may have done harm.
     """
 
@@ -101,6 +102,7 @@ class ImageEvidence:
     contradicting: str = ""
     matches_required: int = 0
     readings: tuple[str, ...] = ()
+    unsure: bool = False
     shutter: str = ""
 
 
@@ -230,6 +232,9 @@ def _of_images(images: ImageEvidence) -> list[Finding]:
             "of these join different sides, the shape is wrong"
         )
         findings.append((1, line))
+    if images.unsure:
+        line = "the film was mapped several times, and no two results agree: its images may be placed wrongly"
+        findings.append((2, line))
     lost = 1.0 - images.used / images.given if images.given else 0.0
     return [
         *findings,

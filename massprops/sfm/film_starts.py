@@ -52,12 +52,14 @@ class MappedFootage:
         given: what it was found by, and how it is to be adjusted.
         first: the database whose matches were made without a model.
         warnings: one line each.
+        unsure: several starts came to different results, of which none convinces.
     """
 
     model: pycolmap.Reconstruction
     given: ModelInputs
     first: Path
     warnings: list[str]
+    unsure: bool = False
 
     @property
     def explained(self) -> float:
@@ -81,9 +83,9 @@ class MappedFootage:
             return following.gain < CONVINCES
         return contradictions(self.model, self.given.found.database).share < MANY
 
-    def warned(self, line: str) -> MappedFootage:
-        """The same with a further warning."""
-        return replace(self, warnings=[*self.warnings, line])
+    def doubted(self) -> MappedFootage:
+        """The same as one result of several."""
+        return replace(self, warnings=[*self.warnings, UNSURE], unsure=True)
 
     def agrees(self, other: MappedFootage) -> bool:
         """Whether nearly all images that show something are turned alike by both."""
@@ -129,7 +131,7 @@ def best_start(begin: Callable[[int, Path], MappedFootage], footage: FootageReco
     if found[-1].convinces:
         return found[-1]
     best = max(found, key=lambda mapped: mapped.explained)
-    return best if _is_sure(found) else best.warned(UNSURE)
+    return best if _is_sure(found) else best.doubted()
 
 
 def _is_sure(found: list[MappedFootage]) -> bool:

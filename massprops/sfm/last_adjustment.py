@@ -73,6 +73,7 @@ class SfmResult:
         masked: only features within the silhouettes were used.
         shutter: how the shutter reads an image's rows.
         seen: the model by which its motion is known, where it does so one after the other.
+        unsure: a film was mapped several times, no two results agree, and none convinces.
         corrected: folder with `frames/` and `masks/` as a global shutter would have taken them, where that was needed.
     """
 
@@ -88,6 +89,7 @@ class SfmResult:
     masked: bool = False
     shutter: Shutter = Shutter("unknown")
     seen: Seen | None = None
+    unsure: bool = False
     corrected: Path | None = None
 
 

@@ -143,5 +143,6 @@ def _finished(mapped: MappedFootage, progress: Progress) -> SfmResult:
         against=against,
         matches_required=attempt.matches_required,
         masked=masked,
+        unsure=mapped.unsure,
         warnings=(*result.warnings, *objections),
     )

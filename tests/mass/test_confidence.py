@@ -25,6 +25,7 @@ from massprops.mass.properties import properties_of_integrals
         (evidence(0.03, 0.05, 0.0, 40, 40, unjoined=1, differing=1), "low", "another volume"),
         (evidence(0.03, 0.05, 0.0, 40, 40, alike=True), "medium", "if it was only moved"),
         (evidence(0.03, 0.05, 0.0, 40, 40, matches_required=45), "medium", "sides of the object look alike"),
+        (evidence(0.03, 0.05, 0.0, 40, 40, unsure=True), "low", "no two results agree"),
         (evidence(0.03, 0.05, 0.0, 40, 40, turned=True), "high", "±3 %"),
         (evidence(0.15, 0.41, 0.0, 48, 48, turned=True), "low", "may be hollow"),
         (evidence(0.15, 0.41, 0.0, 48, 48), "medium", "±15 %"),

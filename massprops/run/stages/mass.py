@@ -148,6 +148,7 @@ def _evidence(
             contradicting=contradicting,
             matches_required=int(sfm.get("matches_required", 0)),
             readings=tuple(f"{r['reading']} ({r['option']})" for r in readings),
+            unsure=bool(sfm.get("unsure", False)),
             shutter=str(shutter["said"]) if shutter.get("doubtful") else "",
         ),
         PlacementEvidence(

@@ -127,6 +127,7 @@ def _solve(job: Job, footage: FootageRecord) -> dict[str, Any]:
         "contradicted_share": result.against.share,
         "matches_required": result.matches_required,
         "masked": result.masked,
+        "unsure": result.unsure,
         "focal_px": result.cameras[0].focal_px[0],
         "focal_sigma_relative": _finite(result.precision.focal_relative),
         "distortion": list(result.cameras[0].distortion),
