@@ -36,3 +36,11 @@ def sphere(count: int) -> np.ndarray:
     z, turn = 1 - 2 * i / count, np.pi * (1 + 5**0.5) * i
     ring = np.sqrt(1 - z**2)
     return np.column_stack([ring * np.cos(turn), ring * np.sin(turn), z])
+
+
+def turns_apart(R: np.ndarray, Q: np.ndarray) -> np.ndarray:
+    """(n,) angles between attitudes R and Q (n, 3, 3), body to camera, of one body whose axes differ by one turn [rad]."""
+    from scipy.spatial.transform import Rotation
+
+    turns = Rotation.from_matrix(R.transpose(0, 2, 1) @ Q)
+    return np.asarray((turns * turns.mean().inv()).magnitude())

@@ -22,6 +22,7 @@ import numpy as np
 import pycolmap
 
 from massprops.errors import NotPossible
+from massprops.geometry.vectors import turns_apart
 from massprops.sfm.at_outlines import drop_outline_points
 from massprops.sfm.attempt import FEWEST, ModelInputs
 from massprops.sfm.convert import take_out_images, to_points, to_views
@@ -152,12 +153,9 @@ def _followed(
 
 def _moved_px(model: pycolmap.Reconstruction, before: Tumble, after: Tumble, times: np.ndarray) -> float:
     """How far the outer parts of a body move in any image from one motion to another, whose axes in the body are free [px]."""
-    from scipy.spatial.transform import Rotation
-
     views, ids = to_views(model)
     R, t = after.poses(times)
-    turns = Rotation.from_matrix(R.transpose(0, 2, 1) @ before.turning.attitudes(times)[0])
-    largest = float((turns * turns.mean().inv()).magnitude().max())
+    largest = float(turns_apart(R, before.turning.attitudes(times)[0]).max())
     depth = float(np.median((R @ after.centre + t)[:, 2]))
     return largest * views.K[0, 0, 0] * _radius(to_points(model, ids)) / depth
 
@@ -186,12 +184,7 @@ def _round(
     """
     options, free_focal = given.options.refine, not given.found.mapping.fixed_intrinsics
     model = _matched(model, start, names, gate, given, clock)
-    tumble = start.tumble
-    for cut in CUTS:
-        loss = remove_outliers(model, options, cut)
-        take_out(model, options.given_focal)
-        tumble = adjust_tumble(model, tumble, clock, loss, free_focal)
-    return model, _Start(tumble, {})
+    return model, _Start(_adjusted(model, start.tumble, clock, options, free_focal, CUTS)[0], {})
 
 
 def refine_along(
@@ -210,11 +203,12 @@ def refine_along(
     def stated(names: Sequence[str]) -> Precision:
         return honest(tumble_precision(inner, tumble, clock, loss, free_focal, names), options.on_table)
 
-    tumble, loss = _adjusted(inner, following, options, free_focal)
+    rounds = (None,) * options.rounds
+    tumble, loss = _adjusted(inner, following.tumble, clock, options, free_focal, rounds)
     held = stated(to_views(inner)[0].names).focal_relative > FOCAL_BY_ALL
     if held:
         inner = by_all
-        tumble, loss = _adjusted(inner, following, options, False)
+        tumble, loss = _adjusted(inner, following.tumble, clock, options, False, rounds)
     for camera_id, camera in inner.cameras.items():
         model.cameras[camera_id].params = camera.params
     for _ in range(options.rounds):
@@ -231,14 +225,22 @@ def refine_along(
 
 
 def _adjusted(
-    model: pycolmap.Reconstruction, following: Following, options: RefineOptions, free_focal: bool
+    model: pycolmap.Reconstruction,
+    tumble: Tumble,
+    clock: Callable[[str], float],
+    options: RefineOptions,
+    free_focal: bool,
+    cuts: Sequence[float | None],
 ) -> tuple[Tumble, float]:
-    """A model adjusted in place by its motion: that, and the scale of the loss [px]."""
-    tumble = following.tumble
-    for _ in range(options.rounds):
-        loss = remove_outliers(model, options)
+    """A model adjusted in place together with its motion: that, and the scale of the loss [px].
+
+    Args:
+        cuts: of each adjustment, as `remove_outliers` takes it.
+    """
+    for cut in cuts:
+        loss = remove_outliers(model, options, cut)
         take_out(model, options.given_focal)
-        tumble = adjust_tumble(model, tumble, following.clock, loss, free_focal)
+        tumble = adjust_tumble(model, tumble, clock, loss, free_focal)
     return tumble, loss
 
 

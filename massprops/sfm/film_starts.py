@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import zlib  # noqa: F401  must precede pycolmap
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,13 +16,14 @@ import numpy as np
 import pycolmap
 
 from massprops.errors import NotPossible
+from massprops.geometry.vectors import turns_apart
 from massprops.sfm.along_motion import CUTS, GATES
 from massprops.sfm.attempt import ENOUGH, ModelInputs
 from massprops.sfm.contradictions import contradictions
 from massprops.sfm.convert import to_points, to_views
 from massprops.sfm.footage import FootageRecord
 from massprops.sfm.free_adjustment import cauchy_cost
-from massprops.sfm.grown_film import is_film, with_features
+from massprops.sfm.grown_film import images_with_features, is_film
 from massprops.sfm.verified_matches import MANY
 
 STARTS = 3
@@ -77,7 +77,7 @@ class MappedFootage:
         """Whether nearly all images are placed that show something, by a motion that they follow or by matches that do not contradict
         each other."""
         following = self.given.options.refine.following
-        if self.model.num_reg_images() < ENOUGH * with_features(self.given):
+        if self.model.num_reg_images() < ENOUGH * images_with_features(self.given):
             return False
         if following is not None:
             return following.gain < CONVINCES
@@ -89,17 +89,14 @@ class MappedFootage:
 
     def agrees(self, other: MappedFootage) -> bool:
         """Whether nearly all images that show something are turned alike by both."""
-        from scipy.spatial.transform import Rotation
-
         ours, theirs = to_views(self.model)[0], to_views(other.model)[0]
         row = {name: k for k, name in enumerate(theirs.names)}
         common = [(k, row[name]) for k, name in enumerate(ours.names) if name in row]
         if not common:
             return False
         i, j = np.transpose(common)
-        turns = Rotation.from_matrix(ours.R[i].transpose(0, 2, 1) @ theirs.R[j])
-        off = np.rad2deg((turns * turns.mean().inv()).magnitude())
-        return bool(np.count_nonzero(off < ALIKE_DEG) >= ENOUGH * with_features(self.given))
+        off = turns_apart(ours.R[i], theirs.R[j])
+        return bool(np.count_nonzero(off < np.deg2rad(ALIKE_DEG)) >= ENOUGH * images_with_features(self.given))
 
 
 def best_start(begin: Callable[[int, Path], MappedFootage], footage: FootageRecord, work: Path) -> MappedFootage:
@@ -120,23 +117,26 @@ def best_start(begin: Callable[[int, Path], MappedFootage], footage: FootageReco
         and footage.background == "black"
         and len(footage.cameras) == 1
     )
-    found = [begin(0, _empty(work / "start0"))]
-    if not flies:
-        return found[0]
+    first = begin(0, _empty(work / "start0"))
+    if not flies or first.convinces:
+        return first
+    found = [first]
     for number in range(1, STARTS):
-        if _is_sure(found):
-            break
-        with suppress(NotPossible):
-            found.append(begin(number, _empty(work / f"start{number}")))
-    if found[-1].convinces:
-        return found[-1]
-    best = max(found, key=lambda mapped: mapped.explained)
-    return best if _is_sure(found) else best.doubted()
+        try:
+            start = begin(number, _empty(work / f"start{number}"))
+        except NotPossible:
+            continue
+        if start.convinces:
+            return start
+        agrees = any(start.agrees(other) for other in found)
+        found.append(start)
+        if agrees:
+            return _explains_most(found)
+    return _explains_most(found).doubted()
 
 
-def _is_sure(found: list[MappedFootage]) -> bool:
-    """Whether the last start convinces or agrees with one before."""
-    return found[-1].convinces or any(found[-1].agrees(other) for other in found[:-1])
+def _explains_most(found: list[MappedFootage]) -> MappedFootage:
+    return max(found, key=lambda mapped: mapped.explained)
 
 
 def _empty(folder: Path) -> Path:

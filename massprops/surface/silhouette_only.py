@@ -73,9 +73,8 @@ class SilhouetteOnly:
 
         A ray that meets the mesh tells nothing: the point may lie before it or behind.
         """
-        shown = _views_for(self.views, self.maps, self.sky, xyz)
-        telling = shown + _views_showing(self.views, self.sky, xyz)
-        return shown / np.maximum(telling, TELLING * len(self.maps))
+        shown, sky = _views_for_and_sky(self.views, self.maps, self.sky, xyz)
+        return shown / np.maximum(shown + sky, TELLING * len(self.maps))
 
 
 def silhouette_only_space(
@@ -266,10 +265,17 @@ def _views_for(views: Views, maps: list[np.ndarray], sky: list[np.ndarray], xyz:
     A hull that must spare points in many views, or a place that few images have in their frame, is not told to be empty by
     that many: rods that end at the frame's edge made a horn of it, twice as long as the body.
     """
-    out = _views_showing(views, maps, xyz)
-    some = np.flatnonzero(out)
-    out[some[_views_showing(views, sky, xyz[some]) >= out[some]]] = 0
-    return out
+    return _views_for_and_sky(views, maps, sky, xyz)[0]
+
+
+def _views_for_and_sky(
+    views: Views, maps: list[np.ndarray], sky: list[np.ndarray], xyz: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """(m,) as `_views_for`, and (m,) in how many views each point that any shows falls on sky."""
+    shown, on_sky = _views_showing(views, maps, xyz), np.zeros(len(xyz), int)
+    some = np.flatnonzero(shown)
+    on_sky[some] = _views_showing(views, sky, xyz[some])
+    return np.where(on_sky >= shown, 0, shown), on_sky
 
 
 def _views_showing(views: Views, maps: list[np.ndarray], xyz: np.ndarray) -> np.ndarray:
