@@ -35,7 +35,10 @@ def silhouette(
     vertices: np.ndarray, faces: np.ndarray, K: np.ndarray, R: np.ndarray, t: np.ndarray, size: tuple[int, int]
 ) -> np.ndarray:
     """(h, w) bool: pixels whose centre the mesh covers. Arguments as for `rasterise`."""
-    return rasterise(vertices, faces, K, R, t, size)[1] >= 0
+    uv, z = project(vertices, K, R, t)
+    seen = np.zeros((size[1], size[0]), bool)
+    _cover(np.ascontiguousarray(uv), np.ascontiguousarray(z), np.ascontiguousarray(faces, np.int64), seen)
+    return seen
 
 
 @njit(cache=True, error_model="numpy")
@@ -44,19 +47,14 @@ def _fill(uv: np.ndarray, z: np.ndarray, faces: np.ndarray, depth: np.ndarray, f
     h, w = depth.shape
     for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-        if z[a] <= 1e-9 or z[b] <= 1e-9 or z[c] <= 1e-9:
-            continue
+        x0, x1, y0, y1 = _reach(uv, z, a, b, c, w, h)
         ax, ay, bx, by, cx, cy = uv[a, 0], uv[a, 1], uv[b, 0], uv[b, 1], uv[c, 0], uv[c, 1]
         area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-        if area == 0.0:
-            continue
-        x0, x1 = max(0.0, np.ceil(min(ax, bx, cx))), min(w - 1.0, np.floor(max(ax, bx, cx)))
-        y0, y1 = max(0.0, np.ceil(min(ay, by, cy))), min(h - 1.0, np.floor(max(ay, by, cy)))
-        if x0 > x1 or y0 > y1:
+        if x0 > x1 or y0 > y1 or area == 0.0:
             continue
         ia, ib, ic = 1.0 / z[a], 1.0 / z[b], 1.0 / z[c]
-        for y in range(int(y0), int(y1) + 1):
-            for x in range(int(x0), int(x1) + 1):
+        for y in range(y0, y1 + 1):
+            for x in range(x0, x1 + 1):
                 p = ((bx - x) * (cy - y) - (by - y) * (cx - x)) / area
                 q = ((cx - x) * (ay - y) - (cy - y) * (ax - x)) / area
                 r = 1.0 - p - q
@@ -67,3 +65,37 @@ def _fill(uv: np.ndarray, z: np.ndarray, faces: np.ndarray, depth: np.ndarray, f
                 if d < depth[y, x]:
                     depth[y, x] = d
                     face[y, x] = f
+
+
+@njit(cache=True, error_model="numpy")
+def _cover(uv: np.ndarray, z: np.ndarray, faces: np.ndarray, seen: np.ndarray) -> None:
+    """Writes seen (h, w) bool; the others as of `_fill`. Twice as fast: a pixel is asked once, without its depth."""
+    h, w = seen.shape
+    for f in range(len(faces)):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        x0, x1, y0, y1 = _reach(uv, z, a, b, c, w, h)
+        ax, ay, bx, by, cx, cy = uv[a, 0], uv[a, 1], uv[b, 0], uv[b, 1], uv[c, 0], uv[c, 1]
+        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        if x0 > x1 or y0 > y1 or area == 0.0:
+            continue
+        for y in range(y0, y1 + 1):
+            for x in range(x0, x1 + 1):
+                if not seen[y, x]:
+                    p = ((bx - x) * (cy - y) - (by - y) * (cx - x)) / area
+                    q = ((cx - x) * (ay - y) - (cy - y) * (ax - x)) / area
+                    seen[y, x] = p >= 0.0 and q >= 0.0 and 1.0 - p - q >= 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _reach(uv: np.ndarray, z: np.ndarray, a: int, b: int, c: int, w: int, h: int) -> tuple[int, int, int, int]:
+    """First and last column and row of the pixels that a triangle may cover; none where it reaches behind the camera."""
+    if z[a] <= 1e-9 or z[b] <= 1e-9 or z[c] <= 1e-9:
+        return 0, -1, 0, -1
+    x0, x1 = min(uv[a, 0], uv[b, 0], uv[c, 0]), max(uv[a, 0], uv[b, 0], uv[c, 0])
+    y0, y1 = min(uv[a, 1], uv[b, 1], uv[c, 1]), max(uv[a, 1], uv[b, 1], uv[c, 1])
+    return (
+        int(min(max(0.0, np.ceil(x0)), float(w))),
+        int(max(min(w - 1.0, np.floor(x1)), -1.0)),
+        int(min(max(0.0, np.ceil(y0)), float(h))),
+        int(max(min(h - 1.0, np.floor(y1)), -1.0)),
+    )

@@ -37,3 +37,12 @@ def test_depth_of_a_slanted_face_is_exact() -> None:
     normal = np.cross(vertices[1] - vertices[0], vertices[2] - vertices[0])
     expected = normal @ (vertices[0] + t) / (ray @ normal)
     assert np.allclose(depth[v, u], expected, rtol=1e-9)
+
+
+def test_a_silhouette_is_where_faces_are_seen() -> None:
+    rng = np.random.default_rng(3)
+    vertices = rng.normal(0, 1.2, (200, 3)) + [0, 0, -3]  # some behind the camera, some beside the image
+    faces = rng.integers(0, 200, (7, 3))
+    _, face = rasterise(vertices, faces, K, R, t, (320, 240))
+    assert (silhouette(vertices, faces, K, R, t, (320, 240)) == (face >= 0)).all()
+    assert 0.1 < (face >= 0).mean() < 1
