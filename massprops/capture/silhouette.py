@@ -10,6 +10,7 @@ import numpy as np
 
 from massprops.core.robust import MAD_TO_SIGMA
 from massprops.errors import InputError
+from massprops.geometry.pixels import box_about
 
 
 def sky_level(frames: np.ndarray) -> tuple[float, float]:
@@ -120,7 +121,16 @@ def _largest(mask: np.ndarray) -> np.ndarray:
 
 
 def _solid(weak: np.ndarray, strong: np.ndarray) -> np.ndarray:
-    """Components of `weak` that hold enough of `strong`; specks go, small holes are filled."""
+    """Components of `weak` (h, w) uint8 that hold enough of `strong` (h, w) bool; specks go, small holes are filled."""
+    out = np.zeros(weak.shape, np.uint8)
+    if strong.any():
+        about = box_about(weak)
+        out[about] = _solid_within(weak[about], strong[about])
+    return out
+
+
+def _solid_within(weak: np.ndarray, strong: np.ndarray) -> np.ndarray:
+    """The same in a box that leaves a pixel about `weak`, unless it touches the image's border."""
     import cv2
 
     count, label, stats, _ = cv2.connectedComponentsWithStats(weak, connectivity=8)

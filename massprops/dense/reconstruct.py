@@ -18,6 +18,7 @@ from massprops.dense.patchmatch import UNIQUE
 from massprops.dense.select import Sparse, seen_points, select_views
 from massprops.errors import NotPossible
 from massprops.geometry.facing import facing_points
+from massprops.geometry.pixels import box_about
 from massprops.geometry.projection import intrinsics, on_pixels, project
 from massprops.geometry.vectors import angles_deg
 from massprops.views import Views
@@ -56,15 +57,12 @@ def crop(colour: np.ndarray, mask: np.ndarray, K: np.ndarray, factor: float, pad
     """
     import cv2
 
-    rows, columns = np.flatnonzero((mask > 0).any(1)), np.flatnonzero((mask > 0).any(0))
-    if len(rows) == 0:
+    if not mask.any():
         raise NotPossible("the silhouette of an image is empty: give silhouettes with --masks, or leave that image out")
-    top, left = max(rows[0] - pad, 0), max(columns[0] - pad, 0)
-    bottom, right = min(rows[-1] + pad + 1, mask.shape[0]), min(columns[-1] + pad + 1, mask.shape[1])
-    colour, mask = colour[top:bottom, left:right], mask[top:bottom, left:right]
+    about = rows, columns = box_about(mask, pad)
+    colour, mask = colour[about], mask[about]
     K = K.copy()
-    K[0, 2] -= left
-    K[1, 2] -= top
+    K[:2, 2] -= columns.start, rows.start
     if factor < 1.0:
         size = (max(8, round(mask.shape[1] * factor)), max(8, round(mask.shape[0] * factor)))
         ratio = np.array([size[0] / mask.shape[1], size[1] / mask.shape[0]])

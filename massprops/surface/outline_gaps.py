@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from massprops.core.robust import nanmedian
+from massprops.geometry.pixels import box_about
 from massprops.surface.refine import face_normals
 from massprops.surface.silhouette import lit_overlap, overlap
 from massprops.views import Views
@@ -132,7 +133,11 @@ def on_outlines(
     for i, mask in enumerate(masks):
         drawn = rasterise(vertices, faces, views.K[i], views.R[i], views.t[i], mask.shape[::-1])[1]
         body = drawn >= 0
-        rim, gap = _gaps(body, mask)
+        rim, gap = np.zeros(mask.shape, bool), np.zeros(0)
+        shown = (body | (mask == 255)).astype(np.uint8)
+        if shown.any():
+            about = box_about(shown, 2)
+            rim[about], gap = _gaps(body[about], mask[about])
         alike[i] = overlap(body, mask) if measured is None else lit_overlap(body, mask, body & measured[drawn])
         rim_faces.append(drawn[rim])
         gaps.append(gap)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from massprops.geometry.pixels import box_about
 from massprops.geometry.projection import pixels_of
 from massprops.geometry.rasterise import silhouette
 from massprops.geometry.vectors import unit
@@ -236,13 +237,16 @@ def _missing(mask: np.ndarray, edge: float, drawn: np.ndarray) -> np.ndarray:
     """(h, w) bool: well within a silhouette and well off what was drawn."""
     import cv2
 
-    if not (mask == 255).any():
-        return np.zeros(mask.shape, bool)
-    deep = cv2.distanceTransform((mask == 255).astype(np.uint8), cv2.DIST_L2, 5) > edge
-    if not (deep & ~drawn).any():
-        return np.zeros(mask.shape, bool)
-    apart = cv2.distanceTransform((~drawn).astype(np.uint8), cv2.DIST_L2, 5) > EDGE
-    return np.asarray(deep & apart)
+    out = np.zeros(mask.shape, bool)
+    body = (mask == 255).astype(np.uint8)
+    if not body.any():
+        return out
+    about = box_about(body)
+    deep = cv2.distanceTransform(body[about], cv2.DIST_L2, 5) > edge
+    if (deep & ~drawn[about]).any():
+        apart = cv2.distanceTransform((~drawn).astype(np.uint8), cv2.DIST_L2, 5) > EDGE
+        out[about] = deep & apart[about]
+    return out
 
 
 def _along(
