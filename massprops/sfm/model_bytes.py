@@ -14,6 +14,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from massprops.errors import InputError
 
 POSE = 7 * 8
@@ -63,6 +65,36 @@ def write_model(model: Any, folder: Path) -> None:
         raise OSError(errno.EIO, os.strerror(errno.EIO), str(folder))
 
 
+PLACE = np.dtype([("uv", "<f8", 2), ("point", "<i8")])
+POINT = np.dtype([("id", "<i8"), ("xyz", "<f8", 3), ("rgb", "u1", 3), ("error", "<f8"), ("length", "<u8")])
+TRACK_ELEMENT = 4 + 4
+
+
+def read_places(folder: Path) -> dict[int, np.ndarray]:
+    """Features (k,) `PLACE` of every image by its number, of a model that COLMAP has just written; point: -1 of those that show none."""
+    data = (folder / "images.bin").read_bytes()
+    at, out = 8, {}
+    for _ in range(_count(data, 0)):
+        end = data.index(b"\0", at + 4 + POSE + 4)
+        number, count = struct.unpack_from("<I", data, at)[0], _count(data, end + 1)
+        out[number] = np.frombuffer(data, PLACE, count, end + 9)
+        at = end + 9 + PLACE.itemsize * count
+    return out
+
+
+def read_points(folder: Path) -> np.ndarray:
+    """Points (m,) `POINT` of a model that COLMAP has just written."""
+    data = (folder / "points3D.bin").read_bytes()
+    at, begins = 8, []
+    for _ in range(_count(data, 0)):
+        begins.append(at)
+        at += POINT.itemsize
+        at += TRACK_ELEMENT * _count(data, at - 8)
+    content = np.frombuffer(data, np.uint8)
+    rows = content[np.array(begins, int)[:, None] + np.arange(POINT.itemsize)]
+    return np.ascontiguousarray(rows).view(POINT)[:, 0]
+
+
 def _cameras(data: mmap.mmap) -> int:
     return 8 + _count(data, 0) * LEAST_CAMERA
 
@@ -103,7 +135,7 @@ def _frames(data: mmap.mmap) -> int:
     return at
 
 
-def _count(data: mmap.mmap, at: int) -> int:
+def _count(data: bytes | mmap.mmap, at: int) -> int:
     return int(struct.unpack_from("<Q", data, at)[0])
 
 

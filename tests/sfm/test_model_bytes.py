@@ -8,11 +8,13 @@ import struct
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pycolmap
 import pytest
 from test_mapping import footage, solve
 
 from massprops.errors import InputError
+from massprops.sfm.convert import HALF, to_points, to_views
 from massprops.sfm.model_bytes import WALKS, check_lengths, write_model
 from massprops.sfm.sparse_import import import_sparse
 
@@ -88,3 +90,25 @@ def test_what_no_model_holds(solved: tuple, tmp_path: Path, what: str) -> None:
     with pytest.raises(InputError, match="(a damaged|not a readable) COLMAP model") as caught:
         import_sparse(m, solved[1])
     assert len(str(caught.value)) - len(str(m)) < 200
+
+
+def test_points_are_those_that_colmap_hands_out(solved: tuple) -> None:
+    model = solved[0]
+    _, ids = to_views(model)
+    points = to_points(model, ids)
+    assert points.id.tolist() == sorted(model.point3D_ids())
+    for row, number in enumerate(points.id.tolist()):
+        point = model.point3D(number)
+        assert (points.xyz[row] == point.xyz).all() and (points.rgb[row] == point.color).all()
+        assert points.error[row] == point.error
+        seen = np.flatnonzero(points.obs_point == row)
+        assert {(ids[v], *uv) for v, uv in zip(points.obs_view[seen], (points.obs_uv[seen] + HALF).tolist(), strict=True)} == {
+            (e.image_id, *model.image(e.image_id).points2D[e.point2D_idx].xy.tolist()) for e in point.track.elements
+        }  # fmt: skip
+    some = to_points(model, ids[2:4])
+    kept = (points.obs_view == 2) | (points.obs_view == 3)
+    assert (some.obs_view == points.obs_view[kept] - 2).all() and (some.obs_point == points.obs_point[kept]).all()
+
+
+def test_a_model_without_anything_has_no_points() -> None:
+    assert not len(to_points(pycolmap.Reconstruction(), []).xyz)
