@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import struct
 from dataclasses import dataclass
 from datetime import UTC
 from pathlib import Path
@@ -20,6 +21,9 @@ FORMATS = ("JPEG", "PNG", "TIFF", "BMP", "WEBP", "HEIF")
 LARGEST_PIXELS = 400_000_000
 QUARTER_TURNS = {1: 0, 2: 0, 3: 2, 4: 2, 5: 1, 6: 1, 7: 3, 8: 3}
 """Quarter turns clockwise from the image as stored to the image as shown, by EXIF orientation; 2, 4, 5 and 7 mirror too."""
+
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+PLAIN_CHUNKS = (b"IHDR", b"IDAT", b"IEND", b"pHYs", b"tIME")
 
 LAST_CLOCK_S = 2**63 // 10**9
 """Nanoseconds are counted in 64 bits: to the year 2262."""
@@ -213,6 +217,22 @@ def decoded(path: Path, how: int) -> np.ndarray | None:
             return cv2.imdecode(np.fromfile(path, np.uint8), how)
     except cv2.error:  # an empty file, or sides beyond OpenCV's own limit
         return None
+
+
+def plain_png(path: Path, shape: tuple[int, ...]) -> bytes | None:
+    """Content of a PNG of 8-bit colours of a shape (h, w, 3) with no chunk by which a reader might show other pixels, such as a gamma, a
+    profile, a transparent colour or EXIF; None of any other file.
+    """
+    content = path.read_bytes()
+    if content[:8] != PNG_SIGNATURE or content[16:26] != struct.pack(">IIBB", shape[1], shape[0], 8, 2):
+        return None
+    at = len(PNG_SIGNATURE)
+    while at < len(content):
+        length, name = struct.unpack_from(">I4s", content, at) if at + 8 <= len(content) else (0, b"")
+        if name not in PLAIN_CHUNKS:
+            return None
+        at += 12 + length
+    return content if at == len(content) else None
 
 
 def _by_pillow(path: Path) -> np.ndarray | None:

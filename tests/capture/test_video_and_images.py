@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
 from fractions import Fraction
 from pathlib import Path
 
@@ -12,7 +14,7 @@ import pytest
 from PIL import Image
 
 from massprops.capture.footage import BLURRED, choose_frames, judge_frames, open_sources, refuse_useless
-from massprops.capture.images import inspect, list_images
+from massprops.capture.images import inspect, list_images, plain_png
 from massprops.capture.keyframes import choose, edge_width, sharpness
 from massprops.capture.video import read_video
 from massprops.errors import InputError, NotPossible
@@ -314,3 +316,24 @@ def test_video_as_phones_write_it(tmp_path: Path, name: str, codec: str, pixels:
         expected = np.rot90(image, -1) if turned else image
         assert frame.image.dtype == np.uint8 and frame.image.shape == expected.shape
         assert np.abs(frame.image.astype(int) - expected).mean() < 12
+
+
+def test_only_a_png_of_just_these_pixels_is_copied(tmp_path: Path) -> None:
+    image = scene(0.1)
+    for name in ("a.png", "b.jpg"):
+        cv2.imwrite(str(tmp_path / name), image)
+    content = (tmp_path / "a.png").read_bytes()
+    assert plain_png(tmp_path / "a.png", image.shape) == content
+    assert plain_png(tmp_path / "a.png", image[:-1].shape) is None
+    assert plain_png(tmp_path / "b.jpg", image.shape) is None
+    gamma = struct.pack(">I4sII", 4, b"gAMA", 45455, zlib.crc32(struct.pack(">4sI", b"gAMA", 45455)))
+    for number, other in enumerate((content[:33] + gamma + content[33:], content[:-6], content + b"more")):
+        (tmp_path / f"{number}.png").write_bytes(other)
+        assert plain_png(tmp_path / f"{number}.png", image.shape) is None
+    for name, pixels in (
+        ("grey", image[..., 0]),
+        ("deep", image.astype(np.uint16) * 257),
+        ("clear", np.dstack([image, image[..., :1]])),
+    ):
+        cv2.imwrite(str(tmp_path / f"{name}.png"), pixels)
+        assert plain_png(tmp_path / f"{name}.png", image.shape) is None

@@ -182,7 +182,6 @@ def _write_frames(job: Job, source: Source, chosen: Chosen, names: list[str] | N
     Args:
         names: to be used instead: those of the other half of a stereo pair.
     """
-    import cv2
 
     from massprops.capture.footage import full_frames
     from massprops.capture.names import stored_names
@@ -196,8 +195,7 @@ def _write_frames(job: Job, source: Source, chosen: Chosen, names: list[str] | N
     for done, (index, original, image) in enumerate(full_frames(source, chosen, job.options.max_size)):
         job.progress(done + 1, len(chosen.index), f"camera {source.stream}")
         name = original if names is None else names[place[index]]
-        lossless = (cv2.IMWRITE_PNG_COMPRESSION, 1) if name.lower().endswith(".png") else (cv2.IMWRITE_JPEG_QUALITY, 97)
-        write_image(folder / name, image, lossless)
+        _write_frame(folder / name, image, None if source.video is not None else source.images[index].path)
         frames.append(
             {
                 "name": f"cam{source.stream}/{name}",
@@ -214,6 +212,21 @@ def _write_frames(job: Job, source: Source, chosen: Chosen, names: list[str] | N
     if not frames:
         raise InputError(f"{source.video}: none of the chosen frames could be decoded; the file is damaged")
     return frames
+
+
+def _write_frame(path: Path, image: np.ndarray, file: Path | None) -> None:
+    """A frame (h, w, 3); file: the image that it was read from, whose content is copied where it is just these pixels."""
+    import cv2
+
+    from massprops.capture.images import plain_png
+
+    is_png = path.suffix.lower() == ".png"
+    if is_png and file is not None and (content := plain_png(file, image.shape)) is not None:
+        path.write_bytes(content)
+    elif is_png:
+        write_image(path, image, (cv2.IMWRITE_PNG_COMPRESSION, 1))
+    else:
+        write_image(path, image, (cv2.IMWRITE_JPEG_QUALITY, 97))
 
 
 def _cameras(source: Source, frames: list[dict[str, Any]]) -> list[dict[str, Any]]:
