@@ -130,10 +130,11 @@ def _check(
     from massprops.sequence.read import read_sequence
 
     from_run = sequence is None
-    if from_run and not (folder / "sequence").is_dir():
+    own = read_sequence(folder) if (folder / "sequence").is_dir() else None
+    footage = own if sequence is None else read_sequence(sequence)
+    if footage is None:
         raise InputError(f"{folder}: no sequence/ in this run: give one of the same footage with --sequence")
-    frame = frame_of(folder) if (folder / "sequence").is_dir() else None
-    footage = read_sequence(folder if sequence is None else sequence)
+    frame = None if own is None else frame_of(folder, own)
     if footage.attitude is None and footage.rates is None and (from_run or footage.tracks is None):
         return CrossCheck(folder, document(mesh, [], judge.unobservable(STILL)), warnings=footage.warnings)
     watched = frame if frame is not None and len(frame.stamp_ns) else None

@@ -16,6 +16,7 @@ from massprops.dynamics.quaternion import angle_between, nearest_rotation, rotat
 from massprops.estimators.result import Estimate
 from massprops.mass.ratio_space import covariance, log_components
 from massprops.model.problem import Problem
+from massprops.sequence.data import Sequence
 from massprops.sfm.points import SparsePoints
 from massprops.views import Views
 
@@ -230,12 +231,11 @@ def tumble_of(stamp_ns: np.ndarray, q: np.ndarray, sigma: np.ndarray) -> Tumble 
     return Tumble(float(turned[-1]), float(np.sqrt(np.mean(off**2))), noise)
 
 
-def frame_of(run: Path) -> Frame:
-    """The run's own attitude history, empty when the object was still, and its sparse points."""
+def frame_of(run: Path, sequence: Sequence) -> Frame:
+    """The attitude history of a run's own sequence, empty when the object was still, and the run's sparse points."""
     from massprops.exchange.formats.filter import sparse_points
-    from massprops.sequence.read import read_sequence
 
-    attitude = read_sequence(run).attitude
+    attitude = sequence.attitude
     points = sparse_points(run)
     ids, xyz = points if points is not None else (None, None)
     if attitude is None:
