@@ -10,6 +10,9 @@ import numpy as np
 
 from massprops.views import AMBIGUOUS
 
+ASKED = 3000
+"""Points, evenly spread among all, whose neighbours tell how densely a view was seen. The percentile of 23 000 moves by 1 %."""
+
 
 def predicted_silhouette(uv: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     """The area that projected surface points cover, as a closing of the points by twice the 90th percentile of their distance to
@@ -30,7 +33,7 @@ def predicted_silhouette(uv: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     uv = uv[inside]
     if len(uv) < 10:
         return np.zeros(shape, bool)
-    distance = cKDTree(uv).query(uv, k=4)[0][:, -1]
+    distance = cKDTree(uv).query(uv[:: max(1, len(uv) // ASKED)], k=4)[0][:, -1]
     radius = int(np.clip(round(2.0 * float(np.percentile(distance, 90))), 2, 0.04 * np.hypot(h, w)))
     dots = np.zeros(shape, np.uint8)
     pixel = np.round(uv).astype(int)
