@@ -161,6 +161,12 @@ class ModelInputs:
         """Folder of the images."""
         return self.footage.folder / "frames"
 
+    @property
+    def images_with_features(self) -> list[str]:
+        """Names of the images that show enough to be placed by, in their order; one in the Earth's shadow does not."""
+        features, fewest = self.found.features, self.options.refine.fewest
+        return [f.name for f in self.footage.frames if f.name in features and len(features[f.name][0]) >= fewest]
+
 
 def may_distort(footage: FootageRecord) -> bool:
     """Whether no camera's distortion was given."""

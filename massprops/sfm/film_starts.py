@@ -23,7 +23,7 @@ from massprops.sfm.contradictions import contradictions
 from massprops.sfm.convert import to_points, to_views
 from massprops.sfm.footage import FootageRecord
 from massprops.sfm.free_adjustment import cauchy_cost
-from massprops.sfm.grown_film import images_with_features, is_film
+from massprops.sfm.grown_film import is_film
 from massprops.sfm.verified_matches import MANY
 
 STARTS = 3
@@ -77,7 +77,7 @@ class MappedFootage:
         """Whether nearly all images are placed that show something, by a motion that they follow or by matches that do not contradict
         each other."""
         following = self.given.options.refine.following
-        if self.model.num_reg_images() < ENOUGH * images_with_features(self.given):
+        if self.model.num_reg_images() < ENOUGH * len(self.given.images_with_features):
             return False
         if following is not None:
             return following.gain < CONVINCES
@@ -96,7 +96,7 @@ class MappedFootage:
             return False
         i, j = np.transpose(common)
         off = turns_apart(ours.R[i], theirs.R[j])
-        return bool(np.count_nonzero(off < np.deg2rad(ALIKE_DEG)) >= ENOUGH * images_with_features(self.given))
+        return bool(np.count_nonzero(off < np.deg2rad(ALIKE_DEG)) >= ENOUGH * len(self.given.images_with_features))
 
 
 def best_start(begin: Callable[[int, Path], MappedFootage], footage: FootageRecord, work: Path) -> MappedFootage:

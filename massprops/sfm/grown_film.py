@@ -206,12 +206,7 @@ def along_free_motion(
     if given.found.repeats:
         return follow_free_motion(model, given)
     placed = model.num_reg_images()
-    if given.footage.background != "black" or not SHORTEST <= placed < ENOUGH * images_with_features(given):
+    if given.footage.background != "black" or not SHORTEST <= placed < ENOUGH * len(given.images_with_features):
         return None
     along = follow_free_motion(model, given)
     return along if along is not None and along[0].num_reg_images() > placed else None
-
-
-def images_with_features(given: ModelInputs) -> int:
-    """Images that show enough to be placed by; one in the Earth's shadow does not."""
-    return sum(len(places) >= given.options.refine.fewest for places, _ in given.found.features.values())

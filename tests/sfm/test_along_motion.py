@@ -213,3 +213,15 @@ def test_a_motion_in_other_axes_of_the_body_moves_nothing(tmp_path):
     assert along_motion._moved_px(model, found, other, times) < 1e-6
     faster = replace(found, turning=replace(found.turning, rate=1.05 * found.turning.rate))
     assert along_motion._moved_px(model, found, faster, times) > 2
+
+
+def test_a_motion_leads_across_images_that_show_nothing(tmp_path):
+    model, given, truth = apart(tmp_path, tumbling())
+    placed, gap = list(truth.names[:8]), truth.names[8:14]
+    ids = {model.image(i).name: i for i in model.reg_image_ids()}
+    take_out_images(model, [i for name, i in ids.items() if name not in placed])
+    reach = int(along_motion.NEAR * len(placed)) + 1
+    assert along_motion._near(model, given) == {*truth.names[: 8 + reach]}
+    dark = {name: (given.found.features[name][0][:0], given.found.features[name][1][:0]) for name in gap}
+    found = replace(given.found, features=given.found.features | dark)
+    assert along_motion._near(model, replace(given, found=found)) == {*placed, *truth.names[14 : 14 + reach]}
