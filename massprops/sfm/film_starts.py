@@ -17,7 +17,7 @@ import pycolmap
 
 from massprops.errors import NotPossible
 from massprops.geometry.vectors import turns_apart
-from massprops.sfm.along_motion import CUTS, GATES
+from massprops.sfm.along_motion import CONVINCES, CUTS, GATES
 from massprops.sfm.attempt import ENOUGH, ModelInputs
 from massprops.sfm.contradictions import contradictions
 from massprops.sfm.convert import to_points, to_views
@@ -28,10 +28,6 @@ from massprops.sfm.verified_matches import MANY
 
 STARTS = 3
 """Times that a film is mapped at most."""
-
-CONVINCES = 2.0
-"""Gain of the images' own poses (`massprops.sfm.along_motion.WORSE`) up to which a motion is taken without another start. Of four bodies in foil
-motions within 1.5 degrees gained 1.4 to 1.6 and once 2.8, one that was off by 6 degrees 2.1 to 2.8."""
 
 ALIKE_DEG = 1.0
 """Turn of an image up to which two starts have placed it alike. Of a body in foil whose motion gained 2.8 two starts differ by .7 degrees;

@@ -7,11 +7,12 @@ import zlib  # noqa: F401  must precede pycolmap
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pycolmap
 
 from massprops.core.text import counted
 from massprops.errors import NotPossible
-from massprops.sfm.along_motion import Following, follow_free_motion
+from massprops.sfm.along_motion import CONVINCES, Following, follow_free_motion, strays
 from massprops.sfm.attempt import ENOUGH, Attempt, ModelInputs, jumps, steady_images, steady_parts
 from massprops.sfm.contradictions import contradictions
 from massprops.sfm.convert import take_out_images
@@ -24,6 +25,11 @@ from massprops.sfm.loops import match_predicted
 from massprops.sfm.mapping import MappingOptions
 from massprops.sfm.predicted_images import add_predicted_images
 from massprops.sfm.verified_matches import MANY
+
+STRAY_DEG = 0.1
+"""How far all of a film's attitudes must lie from one free motion for that to be followed in their place. Of a bus and a rock (Blender) whose
+attitudes were right they lay .005 to .08 degrees off, as far as their errors were stated, and of the bus by heavy compression .3, where they
+were wrong by 2 and 5; the motion that was followed then was wrong by .2 and .5."""
 
 FOLLOWED = 3
 """Rounds in which a motion is followed: each matches at their predicted places what the one before has placed."""
@@ -198,15 +204,24 @@ def along_free_motion(
     model: pycolmap.Reconstruction, given: ModelInputs
 ) -> tuple[pycolmap.Reconstruction, Following] | None:
     """The images placed by the body's free motion, and that, where its cells repeat, or where it flies before a black sky and many images
-    of it are not placed yet; None where it is not needed, too few tell it, it places no more images, or the body does not move so.
+    of it are not placed yet, or stray from a free motion; None where it is not needed, too few tell it, it neither places more images nor
+    convinces, or the body does not move so.
 
     On crinkled foil the images of a bright side match each other falsely, and what is then placed by itself stands still or turns
-    back, while the motion through the images that are right leads to all others.
+    back, while the motion through the images that are right leads to all others. A codec's errors are alike in neighbouring images: their
+    own poses drift.
     """
     if given.found.repeats:
         return follow_free_motion(model, given)
     placed = model.num_reg_images()
-    if given.footage.background != "black" or not SHORTEST <= placed < ENOUGH * len(given.images_with_features):
+    if given.footage.background != "black" or placed < SHORTEST:
+        return None
+    nearly_all = placed >= ENOUGH * len(given.images_with_features)
+    if nearly_all and strays(model, given.footage.times.__getitem__) < np.deg2rad(STRAY_DEG):
         return None
     along = follow_free_motion(model, given)
-    return along if along is not None and along[0].num_reg_images() > placed else None
+    if along is None:
+        return None
+    followed, following = along
+    more = followed.num_reg_images() - placed
+    return along if more > 0 or (more == 0 and following.gain < CONVINCES) else None

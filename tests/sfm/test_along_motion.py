@@ -12,11 +12,12 @@ from test_joined_pieces import filmed, pieces
 from massprops.dynamics.rigid_body import propagate
 from massprops.errors import NotPossible
 from massprops.sfm import along_motion
-from massprops.sfm.along_motion import follow_free_motion, refine_along
+from massprops.sfm.along_motion import CONVINCES, follow_free_motion, refine_along, strays
 from massprops.sfm.assembled import STAYS, Part, Similarity, assemble
 from massprops.sfm.convert import take_out_images, to_points, to_views
 from massprops.sfm.free_adjustment import MOTION, MotionSystem, State, adjust_tumble, fit_line
 from massprops.sfm.free_motion import BASIS, MOST_LOG, FreeRotation
+from massprops.sfm.grown_film import along_free_motion
 from massprops.sfm.points import residuals
 from massprops.sfm.reversed_depth import reversed_in_depth
 
@@ -225,3 +226,15 @@ def test_a_motion_leads_across_images_that_show_nothing(tmp_path):
     dark = {name: (given.found.features[name][0][:0], given.found.features[name][1][:0]) for name in gap}
     found = replace(given.found, features=given.found.features | dark)
     assert along_motion._near(model, replace(given, found=found)) == {*placed, *truth.names[14 : 14 + reach]}
+
+
+def test_a_film_whose_stretches_lie_askew_is_followed_though_all_of_it_is_placed(tmp_path):
+    model, given, truth = apart(tmp_path, tumbling())
+    given = replace(given, footage=replace(given.footage, background="black"))
+    clock = given.footage.times.__getitem__
+    assert model.num_reg_images() == len(given.images_with_features) and strays(model, clock) > np.deg2rad(1)
+    followed, following = along_free_motion(model, given)
+    assert test_mapping.attitude_error(to_views(followed)[0], truth) < 0.004 and following.gain < CONVINCES
+    # what follows its motion is not followed once more
+    assert strays(followed, clock) < 1e-4
+    assert along_free_motion(followed, given) is None

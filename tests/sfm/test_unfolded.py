@@ -14,7 +14,7 @@ from sfm.test_sound import footage, to_model
 
 from massprops.errors import NotPossible
 from massprops.sfm import grown_film
-from massprops.sfm.attempt import SfmOptions, jumps
+from massprops.sfm.attempt import jumps
 from massprops.sfm.contradictions import Contradictions
 from massprops.sfm.convert import of_one_moment
 from massprops.sfm.footage import FootageRecord
@@ -109,31 +109,45 @@ def test_before_a_black_sky_a_jump_alone_cuts_a_film(monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.parametrize(
-    ("repeats", "background", "dark", "placed", "then", "followed"),
+    ("repeats", "background", "dark", "placed", "then", "stray_deg", "gain", "followed"),
     [
-        (False, "black", 0, 36, 79, True),
-        (False, "black", 0, 36, 36, False),
-        (False, "black", 0, 84, 88, False),
-        (False, "black", 50, 36, 40, False),
-        (False, "black", 0, 6, 40, False),
-        (False, "still", 0, 36, 79, False),
-        (True, "still", 0, 84, 80, True),
+        (False, "black", 0, 36, 79, 0.0, 3.0, True),
+        (False, "black", 0, 36, 36, 0.0, 3.0, False),
+        (False, "black", 0, 36, 36, 0.0, 1.2, True),
+        (False, "black", 0, 36, 35, 0.0, 1.2, False),
+        (False, "black", 0, 84, 88, 0.03, 1.2, False),
+        (False, "black", 0, 84, 84, 0.3, 1.2, True),
+        (False, "black", 0, 84, 84, 0.3, 2.5, False),
+        (False, "black", 50, 36, 40, 0.03, 1.2, False),
+        (False, "black", 0, 6, 40, 1.0, 1.2, False),
+        (False, "still", 0, 36, 79, 1.0, 1.2, False),
+        (True, "still", 0, 84, 80, 0.0, 1.2, True),
     ],
 )
-def test_a_film_is_followed_along_its_motion_where_images_of_it_are_left(
-    monkeypatch: pytest.MonkeyPatch, repeats: bool, background: str, dark: int, placed: int, then: int, followed: bool
+def test_a_film_is_followed_along_its_motion_where_images_are_left_or_stray(
+    monkeypatch: pytest.MonkeyPatch,
+    repeats: bool,
+    background: str,
+    dark: int,
+    placed: int,
+    then: int,
+    stray_deg: float,
+    gain: float,
+    followed: bool,
 ) -> None:
-    """Of a body in foil 36 of 88 images were placed, and the motion through these leads to 40 more."""
+    """Of a body in foil 36 of 88 images were placed, and the motion through these leads to 40 more. Heavily compressed, all images of a bus
+    were placed and lay .3 degrees from any free motion."""
     model, more = (SimpleNamespace(num_reg_images=lambda n=n: n) for n in (placed, then))
-    monkeypatch.setattr(grown_film, "follow_free_motion", lambda *_: (more, "motion"))
-    features = {i: (range(0 if i < dark else 40), ()) for i in range(88)}
+    motion = SimpleNamespace(gain=gain)
+    monkeypatch.setattr(grown_film, "follow_free_motion", lambda *_: (more, motion))
+    monkeypatch.setattr(grown_film, "strays", lambda *_: np.deg2rad(stray_deg))
     given: Any = SimpleNamespace(
-        found=SimpleNamespace(repeats=repeats, features=features),
-        footage=SimpleNamespace(background=background),
-        options=SfmOptions(),
+        found=SimpleNamespace(repeats=repeats),
+        images_with_features=list(range(88 - dark)),
+        footage=SimpleNamespace(background=background, times={}),
     )
     found: Any = grown_film.along_free_motion(model, given)  # type: ignore[arg-type]
-    assert found == ((more, "motion") if followed else None)
+    assert found == ((more, motion) if followed else None)
 
 
 def test_the_images_of_a_pair_go_together() -> None:
