@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from massprops.capture.cameras import CameraPrior, group, unusable, with_focal
-from massprops.capture.images import inspect, list_images, load, printable, reduce
+from massprops.capture.images import inspect, list_images, load, plain_png, printable, reduce
 from massprops.capture.keyframes import choose, edge_width, sharpness, view_motion
 from massprops.capture.video import read_video
 from massprops.core.text import counted
@@ -425,3 +425,14 @@ def full_frames(source: Source, chosen: Chosen, longest: int) -> Iterator[tuple[
     for i in chosen.index.tolist():
         file = source.images[i].path
         yield i, file.name, load(file, longest)
+
+
+def stored_frames(source: Source, chosen: Chosen, longest: int) -> Iterator[tuple[int, str, np.ndarray | bytes]]:
+    """As `full_frames`, but of a PNG that holds just what it shows its content (`massprops.capture.images.plain_png`)."""
+    if source.video is not None:
+        yield from full_frames(source, chosen, longest)
+        return
+    for i in chosen.index.tolist():
+        file = source.images[i].path
+        content = plain_png(file, longest)
+        yield i, file.name, load(file, longest) if content is None else content

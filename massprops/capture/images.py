@@ -219,12 +219,12 @@ def decoded(path: Path, how: int) -> np.ndarray | None:
         return None
 
 
-def plain_png(path: Path, shape: tuple[int, ...]) -> bytes | None:
-    """Content of a PNG of 8-bit colours of a shape (h, w, 3) with no chunk by which a reader might show other pixels, such as a gamma, a
-    profile, a transparent colour or EXIF; None of any other file.
+def plain_png(path: Path, longest: int | None = None) -> bytes | None:
+    """Content of a PNG of 8-bit colours, no longer than `longest` [px], with no chunk by which a reader might show other pixels, such as a
+    gamma, a profile, a transparent colour or EXIF; None of any other file. `png_size` tells its width and height.
     """
-    content = path.read_bytes()
-    if content[:8] != PNG_SIGNATURE or content[16:26] != struct.pack(">IIBB", shape[1], shape[0], 8, 2):
+    content = path.read_bytes() if path.suffix.lower() == ".png" else b""
+    if content[:8] != PNG_SIGNATURE or content[24:26] != bytes((8, 2)):
         return None
     at = len(PNG_SIGNATURE)
     while at < len(content):
@@ -232,7 +232,14 @@ def plain_png(path: Path, shape: tuple[int, ...]) -> bytes | None:
         if name not in PLAIN_CHUNKS:
             return None
         at += 12 + length
-    return content if at == len(content) else None
+    fits = longest is None or max(png_size(content)) <= longest
+    return content if fits and at == len(content) else None
+
+
+def png_size(content: bytes) -> tuple[int, int]:
+    """Width and height of a PNG."""
+    width, height = struct.unpack_from(">II", content, 16)
+    return width, height
 
 
 def _by_pillow(path: Path) -> np.ndarray | None:

@@ -173,9 +173,7 @@ def _start(
     v, u = np.nonzero(mask)
     depth = np.zeros((h, w), np.float32)
     if len(sparse) >= 3:
-        from scipy.spatial import cKDTree
-
-        near = cKDTree(sparse[:, :2]).query(np.column_stack([u, v]), k=min(4, len(sparse)))[1]
+        near = _nearest(mask, sparse[:, :2])[v // 2, u // 2]
         pick = near[np.arange(len(u)), rng.integers(0, near.shape[1], len(u))]
         start = sparse[pick, 2] + 0.03 * (depths[1] - depths[0]) * rng.standard_normal(len(u))
     else:
@@ -190,6 +188,19 @@ def _start(
     normal = np.zeros((h, w, 3), np.float32)
     normal[v, u] = drawn
     return depth, normal
+
+
+def _nearest(mask: np.ndarray, uv: np.ndarray) -> np.ndarray:
+    """Numbers (r, c, k) of the up to four places uv (m, 2) nearest to each 2x2 pixels that the mask (h, w) touches."""
+    from scipy.spatial import cKDTree
+
+    touched = np.zeros([(n + 1) // 2 for n in mask.shape], bool)
+    v, u = np.nonzero(mask)
+    touched[v // 2, u // 2] = True
+    y, x = np.nonzero(touched)
+    out = np.zeros((*touched.shape, min(4, len(uv))), int)
+    out[touched] = cKDTree(uv).query(np.column_stack([2 * x + 0.5, 2 * y + 0.5]), k=out.shape[2])[1]
+    return out
 
 
 def _rays(x: np.ndarray, y: np.ndarray, K: np.ndarray) -> np.ndarray:

@@ -17,7 +17,8 @@ def project(points: np.ndarray, K: np.ndarray, R: np.ndarray, t: np.ndarray) -> 
 def on_pixels(uv: np.ndarray, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Which of some places (n, 2) lie in an image (h, w): (k,) their numbers, and the rows and columns (k,) of their pixels."""
     at = np.rint(uv)
-    index = np.flatnonzero((at >= 0).all(axis=1) & (at < (shape[1], shape[0])).all(axis=1))
+    x, y = at.T  # a column at a time, as pairs are slow to ask
+    index = np.flatnonzero((x >= 0) & (y >= 0) & (x < shape[1]) & (y < shape[0]))
     columns, rows = at[index].astype(int).T
     return index, rows, columns
 

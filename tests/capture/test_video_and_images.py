@@ -13,8 +13,17 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from massprops.capture.footage import BLURRED, choose_frames, judge_frames, open_sources, refuse_useless
-from massprops.capture.images import inspect, list_images, plain_png
+from massprops.capture.footage import (
+    BLURRED,
+    choose_all,
+    choose_frames,
+    full_frames,
+    judge_frames,
+    open_sources,
+    refuse_useless,
+    stored_frames,
+)
+from massprops.capture.images import inspect, list_images, plain_png, png_size
 from massprops.capture.keyframes import choose, edge_width, sharpness
 from massprops.capture.video import read_video
 from massprops.errors import InputError, NotPossible
@@ -323,17 +332,32 @@ def test_only_a_png_of_just_these_pixels_is_copied(tmp_path: Path) -> None:
     for name in ("a.png", "b.jpg"):
         cv2.imwrite(str(tmp_path / name), image)
     content = (tmp_path / "a.png").read_bytes()
-    assert plain_png(tmp_path / "a.png", image.shape) == content
-    assert plain_png(tmp_path / "a.png", image[:-1].shape) is None
-    assert plain_png(tmp_path / "b.jpg", image.shape) is None
+    assert plain_png(tmp_path / "a.png") == plain_png(tmp_path / "a.png", image.shape[1]) == content
+    assert png_size(content) == (image.shape[1], image.shape[0])
+    assert plain_png(tmp_path / "a.png", image.shape[1] - 1) is None
+    (tmp_path / "c.jpg").write_bytes(content)  # some readers go by the name
+    assert plain_png(tmp_path / "b.jpg") is None and plain_png(tmp_path / "c.jpg") is None
     gamma = struct.pack(">I4sII", 4, b"gAMA", 45455, zlib.crc32(struct.pack(">4sI", b"gAMA", 45455)))
-    for number, other in enumerate((content[:33] + gamma + content[33:], content[:-6], content + b"more")):
-        (tmp_path / f"{number}.png").write_bytes(other)
-        assert plain_png(tmp_path / f"{number}.png", image.shape) is None
-    for name, pixels in (
-        ("grey", image[..., 0]),
-        ("deep", image.astype(np.uint16) * 257),
-        ("clear", np.dstack([image, image[..., :1]])),
+    for number, other in enumerate(
+        (content[:33] + gamma + content[33:], content[:-6], content + b"more", content[:20])
     ):
-        cv2.imwrite(str(tmp_path / f"{name}.png"), pixels)
-        assert plain_png(tmp_path / f"{name}.png", image.shape) is None
+        (tmp_path / f"{number}.png").write_bytes(other)
+        assert plain_png(tmp_path / f"{number}.png") is None
+    others = {"grey": image[..., 0], "deep": image.astype(np.uint16) * 257, "clear": np.dstack([image, image[..., :1]])}
+    for other_name, pixels in others.items():
+        cv2.imwrite(str(tmp_path / f"{other_name}.png"), pixels)
+        assert plain_png(tmp_path / f"{other_name}.png") is None
+
+
+def test_stored_frames_are_those_that_are_shown(tmp_path: Path) -> None:
+    images = [scene(0.1 * k) for k in range(4)]
+    for k, image in enumerate(images):
+        cv2.imwrite(str(tmp_path / f"{k}{'.jpg' if k == 3 else '.png'}"), image)
+    (source,) = open_sources(tmp_path, None)
+    (chosen,) = choose_all([source], [judge_frames(source, lambda *_: None)], 10)
+    kept = list(stored_frames(source, chosen, 10_000))
+    assert [type(content) is bytes for _, _, content in kept] == [True, True, True, False]
+    for (_, name, shown), (_, other_name, content) in zip(full_frames(source, chosen, 10_000), kept, strict=True):
+        decoded = cv2.imdecode(np.frombuffer(content, np.uint8), 1) if isinstance(content, bytes) else content
+        assert name == other_name and (decoded == shown).all()
+    assert not any(isinstance(content, bytes) for _, _, content in stored_frames(source, chosen, 100))

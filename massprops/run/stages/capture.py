@@ -183,7 +183,7 @@ def _write_frames(job: Job, source: Source, chosen: Chosen, names: list[str] | N
         names: to be used instead: those of the other half of a stereo pair.
     """
 
-    from massprops.capture.footage import full_frames
+    from massprops.capture.footage import stored_frames
     from massprops.capture.names import stored_names
 
     folder = job.out / "frames" / f"cam{source.stream}"
@@ -192,17 +192,17 @@ def _write_frames(job: Job, source: Source, chosen: Chosen, names: list[str] | N
     if names is None and source.video is None:
         names = stored_names([source.images[i].path.name for i in chosen.index.tolist()])
     frames: list[dict[str, Any]] = []
-    for done, (index, original, image) in enumerate(full_frames(source, chosen, job.options.max_size)):
+    for done, (index, original, image) in enumerate(stored_frames(source, chosen, job.options.max_size)):
         job.progress(done + 1, len(chosen.index), f"camera {source.stream}")
         name = original if names is None else names[place[index]]
-        _write_frame(folder / name, image, None if source.video is not None else source.images[index].path)
+        width, height = _write_frame(folder / name, image)
         frames.append(
             {
                 "name": f"cam{source.stream}/{name}",
                 "camera": source.stream + (source.images[index].camera if source.images else 0),
                 "turn": source.turn(index),
-                "width": image.shape[1],
-                "height": image.shape[0],
+                "width": width,
+                "height": height,
                 "timestamp_ns": int(chosen.timestamp_ns[place[index]]),
                 "index": int(index),
                 "source_name": original,
@@ -214,19 +214,18 @@ def _write_frames(job: Job, source: Source, chosen: Chosen, names: list[str] | N
     return frames
 
 
-def _write_frame(path: Path, image: np.ndarray, file: Path | None) -> None:
-    """A frame (h, w, 3); file: the image that it was read from, whose content is copied where it is just these pixels."""
+def _write_frame(path: Path, frame: np.ndarray | bytes) -> tuple[int, int]:
+    """A frame (h, w, 3), or the content of a PNG: its width and height."""
     import cv2
 
-    from massprops.capture.images import plain_png
+    from massprops.capture.images import png_size
 
-    is_png = path.suffix.lower() == ".png"
-    if is_png and file is not None and (content := plain_png(file, image.shape)) is not None:
-        path.write_bytes(content)
-    elif is_png:
-        write_image(path, image, (cv2.IMWRITE_PNG_COMPRESSION, 1))
-    else:
-        write_image(path, image, (cv2.IMWRITE_JPEG_QUALITY, 97))
+    if isinstance(frame, bytes):
+        path.write_bytes(frame)
+        return png_size(frame)
+    png = path.suffix.lower() == ".png"
+    write_image(path, frame, (cv2.IMWRITE_PNG_COMPRESSION, 1) if png else (cv2.IMWRITE_JPEG_QUALITY, 97))
+    return frame.shape[1], frame.shape[0]
 
 
 def _cameras(source: Source, frames: list[dict[str, Any]]) -> list[dict[str, Any]]:
