@@ -32,8 +32,8 @@ BREAKS = (ArithmeticError, ValueError, IndexError)
 EQUAL = 1e-14
 """Of the cosine of half a turn: rounding."""
 NO_TURN = "all attitudes are the same: the body does not turn"
-MOST_FEATURES, MOST_FEATURES_ONE_CAMERA = 300, 3000
-"""Longest tracks used: those of structure from motion are many and short, and each adds to what one camera shows."""
+MOST_FEATURES, MOST_MATCHED_FEATURES = 300, 3000
+"""Longest tracks used: those of structure from motion are many and short, and each adds to what images show."""
 
 
 def estimate_all(
@@ -72,7 +72,8 @@ def estimate_all(
         verify(Path(source), "sequence/")
     sequence = read_sequence(source) if isinstance(source, str | Path) else source
     check_sensors(sequence)
-    problem = problem_of(sequence, MOST_FEATURES if 1 in sequence.cameras else MOST_FEATURES_ONE_CAMERA)
+    matched = sequence.of_run or 1 not in sequence.cameras
+    problem = problem_of(sequence, MOST_MATCHED_FEATURES if matched else MOST_FEATURES)
     if not body_known:
         problem = replace(problem, body=None)
     rotor = sequence.rotor

@@ -43,6 +43,7 @@ class Problem:
         rate_memory: epochs over which errors of the body rates stay alike; 1 for white noise.
         alike: how many times wider attitudes' sigmas have been made because their errors hang together
             (`attitude_noise`); so do those of one camera's pixels that they were found from. 1 for white noise.
+        own_attitudes: the attitudes come from a sensor of their own, and not from the images of the tracks.
     """
 
     stamp_ns: np.ndarray
@@ -62,6 +63,7 @@ class Problem:
     warnings: tuple[str, ...] = ()
     rate_memory: int = 1
     alike: float = 1.0
+    own_attitudes: bool = True
 
     @staticmethod
     def of_tracks(
@@ -178,6 +180,7 @@ def problem_of(sequence: Sequence, most_features: int = 300) -> Problem:
         environment=sequence.environment,
         warnings=tuple(warnings),
         rate_memory=memory,
+        own_attitudes=not sequence.of_run,
     )
 
 

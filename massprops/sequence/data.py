@@ -140,6 +140,11 @@ class Sequence:
     rotor: RotorSeries | None = None
 
     @property
+    def of_run(self) -> bool:
+        """Whether it was written by `massprops reconstruct`, so that its attitudes come from the same images as its tracks."""
+        return self.folder is not None and (self.folder.parent / "run.yaml").is_file()
+
+    @property
     def first_ns(self) -> int:
         """First time of what was measured of the motion, from which times in models count [ns]; 0 without any."""
         series = [s for s in (self.tracks, self.range, self.rates, self.attitude) if s is not None]

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from massprops.dynamics.quaternion import rotation_matrix
+from massprops.dynamics.quaternion import from_rotation_vector, multiply, rotation_matrix
 from massprops.estimators.methods import smoother
 from massprops.estimators.result import Prior
 from massprops.estimators.start import first_guess
-from massprops.model.problem import problem_of
+from massprops.model.problem import Problem, problem_of
+from massprops.sequence import read_sequence, write_sequence
 from massprops.simulation.track_scenario import TrackScenario
 from massprops.simulation.tracks import simulate_tracks
 
@@ -69,3 +73,32 @@ def test_a_model_with_the_effect_explains_what_free_rotation_does_not() -> None:
     assert plain.innovation > 1.5 and whole.innovation < 1.1
     error = np.abs(np.array([whole.k1, whole.k2]) - [made.truth["k1"], made.truth["k2"]])
     assert (error < 4 * whole.sigma_k).all()
+
+
+def _drifting(problem: Problem) -> Problem:
+    """Attitudes that go astray slowly, by far more than they state: the drift of a structure from motion."""
+    phase = np.linspace(0, 2 * np.pi, len(problem.times))
+    drift = 0.01 * np.column_stack([np.sin(phase), np.sin(2 * phase), np.cos(phase)])
+    return replace(problem, attitude=multiply(problem.attitude, from_rotation_vector(drift)))
+
+
+def test_attitudes_from_the_images_of_a_pair_do_not_count_beside_them() -> None:
+    made = simulate_tracks(TrackScenario(frames=200, features=60, seed=6, attitude_sigma=1e-4, range_sigma_m=0.0))
+    truth = np.array([made.truth["k1"], made.truth["k2"]])
+
+    def score(problem: Problem) -> float:
+        e = smoother.estimate(problem, Prior(), first_guess(problem))
+        return float(np.abs((np.array([e.k1, e.k2]) - truth) / e.sigma_k).max())
+
+    own = problem_of(made.sequence)
+    astray = _drifting(own)
+    assert own.stereo and score(own) < 4
+    assert score(replace(astray, own_attitudes=False)) < 4 < score(astray)
+
+
+def test_a_runs_attitudes_are_known_to_come_from_its_images(tmp_path: Path) -> None:
+    made = simulate_tracks(TrackScenario(frames=40, features=12, seed=6, attitude_sigma=1e-3))
+    write_sequence(tmp_path / "sequence", made.sequence)
+    assert not read_sequence(tmp_path).of_run and problem_of(read_sequence(tmp_path)).own_attitudes
+    (tmp_path / "run.yaml").write_text("format: massprops-run/1\n")
+    assert read_sequence(tmp_path).of_run and not problem_of(read_sequence(tmp_path)).own_attitudes

@@ -98,7 +98,7 @@ def bound_of(problem: Any, state: Any) -> np.ndarray:
     from dataclasses import replace
 
     from massprops.dynamics.environment import EnvironmentModel
-    from massprops.estimators.batch.one_camera import LENS
+    from massprops.estimators.batch.matched_tracks import LENS
     from massprops.estimators.batch.solve import reduced_equations
     from massprops.model import model_of
     from massprops.model.linearise import linearise, predict

@@ -63,13 +63,12 @@ class Case:
     balance: list[Selection | None] = field(default_factory=list, compare=False)
 
 
-def case_of(problem: Problem, inflation: float = 1.0, own_attitudes: bool = True) -> Case:
+def case_of(problem: Problem, inflation: float = 1.0) -> Case:
     """Splits the record and finds the first state.
 
     Args:
         inflation: how many times the stated noise of tracks the first guess allows for: sensors that are wrong together
             otherwise look like outliers to it.
-        own_attitudes: attitude0 does not come from the same pictures as the tracks.
 
     Raises:
         NotPossible: no attitude or rates to begin with.
@@ -78,7 +77,7 @@ def case_of(problem: Problem, inflation: float = 1.0, own_attitudes: bool = True
     warnings = list(problem.warnings)
     guess = first_guess(replace(problem, sigma_px=inflation * problem.sigma_px))
     warnings += guess.warnings
-    first = batch_start(problem, guess, environment, own_attitudes=own_attitudes)
+    first = batch_start(problem, guess, environment, own_attitudes=problem.own_attitudes)
     warnings += first.notes
     inertia_prior = InertiaPrior()
     if problem.body is not None:

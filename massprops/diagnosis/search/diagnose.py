@@ -101,7 +101,7 @@ def _found(sequence: Sequence, progress: Watch, discover: bool, simulator: str |
     check_sensors(sequence)
     run = None if sequence.folder is None else sequence.folder.parent
     problem = with_track_noise(sequence, problem_of(sequence))
-    diagnosis = diagnose_problem(problem, progress, run is None or not (run / "run.yaml").is_file())
+    diagnosis = diagnose_problem(problem, progress)
     if run is not None and diagnosis.case.first.body_frame == "attitude0":
         mesh = mesh_of_run(run)
         diagnosis = replace(diagnosis, surface=None if mesh is None else mesh[0])
@@ -155,14 +155,8 @@ def write_found(
     return write_contents(out, contents_of(found), inputs, force)
 
 
-def diagnose_problem(
-    problem: Problem, progress: Watch = lambda what, done, total: None, own_attitudes: bool = True
-) -> Diagnosis:
-    """`diagnose` on measurements in memory.
-
-    Args:
-        own_attitudes: attitude0 does not come from the same pictures as the tracks, as it does in a run.
-    """
+def diagnose_problem(problem: Problem, progress: Watch = lambda what, done, total: None) -> Diagnosis:
+    """`diagnose` on measurements in memory."""
     from massprops.diagnosis.search.acceptance import explained
     from massprops.diagnosis.search.axes import otherwise
     from massprops.diagnosis.search.case import case_of
@@ -172,7 +166,7 @@ def diagnose_problem(
     from massprops.diagnosis.search.unexplained import recovered_torque
 
     progress("first guess", 0, 1)
-    case, base = _begin(case_of, refit, problem, progress, own_attitudes)
+    case, base = _begin(case_of, refit, problem, progress)
     case, base = without_outlier_features(case, base)
     blind = _blind(case)
     if blind:
@@ -197,7 +191,7 @@ def diagnose_problem(
 
 
 def _begin(
-    case_of: Callable[..., Any], refit: Callable[..., Any], problem: Problem, progress: Watch, own_attitudes: bool
+    case_of: Callable[..., Any], refit: Callable[..., Any], problem: Problem, progress: Watch
 ) -> tuple[Case, FittedModel]:
     """The base model from the first guess that leads somewhere: sensors that are wrong together look like outliers to it.
 
@@ -208,7 +202,7 @@ def _begin(
     refused: NotPossible | None = None
     for inflation in (1.0, *NOISE_INFLATIONS):
         try:
-            case = case_of(problem, inflation, own_attitudes)
+            case = case_of(problem, inflation)
         except NotPossible as error:
             refused = refused or error
             continue

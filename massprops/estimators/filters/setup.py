@@ -261,7 +261,7 @@ def measurements(
     if setup.points:
         uv = problem.uv[rows][:, :, chosen]
         blocks.append(np.moveaxis(uv, 1, 2).reshape(n, -1))
-        # one camera's tracks are those that its attitudes were found from (as in `batch.one_camera`)
+        # one camera's tracks are those that its attitudes were found from (as in `batch.matched_tracks`)
         alike = 1.0 if problem.stereo else problem.alike
         variance = np.repeat((alike * problem.sigma_px) ** 2, 2) / setup.share[0]
         variances.append(np.tile(variance, (n, len(chosen))))

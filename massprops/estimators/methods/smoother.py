@@ -14,7 +14,7 @@ import numpy as np
 
 from massprops.dynamics.environment import EnvironmentModel
 from massprops.dynamics.inertia import project_to_physical
-from massprops.estimators.batch import one_camera
+from massprops.estimators.batch import matched_tracks
 from massprops.estimators.batch.halves import halves, residual_rows
 from massprops.estimators.batch.outcome import estimate_of
 from massprops.estimators.batch.rivals import best_of_rivals
@@ -47,10 +47,10 @@ def estimate(problem: Problem, prior: Prior, start: Start, model: Model | None =
     begun = time.process_time()
     environment = EnvironmentModel(problem.environment, compiled=True)  # many integrations are to come
     first = batch_start(problem, start, environment)
-    if one_camera.applies(problem, start):
-        first, fitted, m = one_camera.fit_tracks(problem, first, start, environment, model)
+    if matched_tracks.applies(problem, start):
+        first, fitted, m = matched_tracks.fit_tracks(problem, first, start, environment, model)
         fitted, rival = best_of_rivals(problem, m, fitted, environment, InertiaPrior())
-        covariance = one_camera.clustered_covariance(problem, m, fitted, environment)
+        covariance = matched_tracks.clustered_covariance(problem, m, fitted, environment)
         told = estimate_of(NAME, problem, first, fitted, environment, time.process_time() - begun, rival, covariance)
         return replace(told, memory_counted=True)
     state, free = first.state, first.free

@@ -1,4 +1,4 @@
-"""The smoother on one camera's tracks, as structure from motion leaves them: attitudes to begin with, pixels to fit.
+"""The smoother on tracks as structure from motion leaves them: attitudes to begin with, pixels to fit.
 
 The attitudes of structure from motion come from the same pixels, so only the pixels count. Their errors are shared. Features
 near each other on the body slide alike under one Sun. All features of neighbouring frames are matched alike. Whatever passes the
@@ -31,15 +31,15 @@ from massprops.model.state import BatchState, in_axes
 LENS = ("focal-length-error", "lens-distortion")
 """What a camera without calibration leaves open."""
 FEWEST_FEATURES = 20
-"""Features from which one camera alone shows the motion."""
+"""Features from which cameras alone show the motion."""
 
 
 def applies(problem: Problem, start: Start) -> bool:
-    """Whether the sequence is one camera's tracks with attitudes from the same images."""
+    """Whether the sequence is tracks with attitudes from the same images; those of one camera always are."""
     return bool(
         problem.has_attitude
         and problem.has_tracks
-        and not problem.stereo
+        and not (problem.stereo and problem.own_attitudes)
         and start.position is not None
         and start.features is not None
         and len(problem.features) >= FEWEST_FEATURES
@@ -74,9 +74,9 @@ def fit_tracks(
     known = {} if model is None else dict(zip(model.names, model.values, strict=True))
     state = replace(state, model=model_of({**known, **{name: None for name in LENS if name not in known}}))
     free = np.ones(state.size, bool)
-    # the body frame is the first attitude's, and the distance is free of any scale
+    # the body frame is the first attitude's, and one camera's distance is free of any scale
     free[:3] = False
-    free[8] = problem.has_range
+    free[8] = problem.has_range or problem.stereo
     channels = ("tracks", "range") if problem.has_range else ("tracks",)
     m = replace(measurements_of(problem, observed=observed, channels=channels), may_slide=True)
     fitted = fit(problem, m, state, environment, free)
