@@ -92,7 +92,8 @@ def silhouette_only_space(
     Args:
         mesh: its vertices (v, 3) and faces (f, 3); views, masks: as for `make_hull`; hull: of these.
         spacing: of the mesh's vertices; seed: of the draws.
-        sharp: silhouettes are known to a pixel (lit before black sky, or given), and only parts that protrude are looked for.
+        sharp: silhouettes are known to a pixel (lit before black sky, or given), and only parts that protrude are looked for, and holes in
+            the mesh: stereo measures nothing on the plain paint of a wing, and where its back was never lit a cut leaves nothing there.
     """
     edge, reach = SHARP_EDGE if sharp else EDGE, _extent(mesh)
     maps, places = _rays_that_meet_nothing(mesh, views, masks, hull, spacing, edge)
@@ -101,9 +102,11 @@ def silhouette_only_space(
     if len(xyz) < LEAST_RAYS:
         return None
     xyz = xyz[np.unique(np.floor(xyz / spacing).astype(np.int64), axis=0, return_index=True)[1]]
-    shown = _views_for(views, maps, sky, xyz)
-    xyz, shown = xyz[shown >= FEWEST_AGREE], shown[shown >= FEWEST_AGREE]
-    if len(xyz) < LEAST_RAYS or (sharp and not _protrudes(xyz, mesh[0], PROTRUDES * reach)):
+    xyz, shown = _agreed(views, maps, sky, xyz)
+    if sharp and len(xyz) >= LEAST_RAYS and not _protrudes(xyz, mesh[0], PROTRUDES * reach):
+        maps = _in_holes(mesh, views, maps)
+        xyz, shown = _agreed(views, maps, sky, xyz)
+    if len(xyz) < LEAST_RAYS:
         return None
     rng = np.random.default_rng([seed, 14])
     xyz = xyz[_sample(shown, rng)]
@@ -114,6 +117,28 @@ def silhouette_only_space(
     if not len(outline):
         return None
     return SilhouetteOnly(views, maps, sky, xyz, outline)
+
+
+def _agreed(
+    views: Views, maps: list[np.ndarray], sky: list[np.ndarray], xyz: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The places (k, 3) that enough views show and fewer show as sky, and how many views show each (k,)."""
+    shown = _views_for(views, maps, sky, xyz)
+    return xyz[shown >= FEWEST_AGREE], shown[shown >= FEWEST_AGREE]
+
+
+def _in_holes(mesh: tuple[np.ndarray, np.ndarray], views: Views, maps: list[np.ndarray]) -> list[np.ndarray]:
+    """Of the pixels (h, w) bool on which nothing was drawn those that have the mesh all about them."""
+    import cv2
+
+    out = [np.zeros_like(m) for m in maps]
+    for i, m in enumerate(maps):
+        if m.any():
+            drawn = silhouette(*mesh, views.K[i], views.R[i], views.t[i], m.shape[::-1])
+            empty = np.pad((~drawn).astype(np.uint8), 1, constant_values=1)  # the image's border belongs to the sky
+            label = cv2.connectedComponents(empty, connectivity=4)[1]
+            out[i] = m & (label[1:-1, 1:-1] != label[0, 0])
+    return out
 
 
 def _sample(shown: np.ndarray, rng: np.random.Generator) -> np.ndarray:

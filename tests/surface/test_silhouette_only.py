@@ -183,3 +183,21 @@ def test_of_too_many_places_those_that_most_views_show_are_kept() -> None:
     assert np.count_nonzero(kept < 600) > 500
     few = silhouette_only._sample(shown[:700], np.random.default_rng(0))
     assert np.array_equal(few, np.arange(700))
+
+
+@pytest.mark.parametrize("holed", [False, True])
+def test_a_hole_in_a_plate_is_filled_where_silhouettes_do_not_show_it(holed: bool) -> None:
+    """Stereo measures nothing on the plain paint of a wing; the hole that is left there protrudes nowhere."""
+    views, _, _ = footage()
+    plate = trimesh.creation.box(extents=(1.6, 1.0, 0.04))
+    with_hole = trimesh.boolean.difference(
+        [plate, trimesh.creation.box(extents=(0.3, 0.2, 0.2))], engine="manifold"
+    ).subdivide_to_size(0.05)
+    cloud, masks = observe(with_hole if holed else plate, views, 0.003, 0, outliers=0.0)
+    hull = make_hull(views, masks, cloud.xyz)
+    mesh = np.asarray(with_hole.vertices), np.asarray(with_hole.faces)
+    found = silhouette_only_space(mesh, views, masks, hull, 0.02, 0, sharp=True)
+    if holed:
+        assert found is None
+    else:
+        assert found is not None and (np.abs(found.inside) < [0.17, 0.12, 0.2]).all()
