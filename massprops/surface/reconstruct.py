@@ -29,7 +29,7 @@ import numpy as np
 from massprops.core.progress import Progress, silent
 from massprops.errors import NotPossible
 from massprops.geometry.vectors import sphere
-from massprops.mass.integrals import mesh_integrals
+from massprops.mass.integrals import face_areas, mesh_integrals
 from massprops.surface.cloud import Cloud, Thinned, thin, without_outliers
 from massprops.surface.cut import Costs, manifold, minimum_cut, surface_faces
 from massprops.surface.fill_by_motion import Balance, Cut, LikelyFill, Pull, balanced, centre_of, fill_centres, tells
@@ -146,6 +146,11 @@ class Surface:
     def noise(self) -> float:
         """1-sigma of the measured surface's place: neighbours together know it better than each point does."""
         return 0.5 * float(np.median(self.cloud.sigma))
+
+    def share(self, faces: np.ndarray) -> float:
+        """Of the area, that of some faces (f,) bool."""
+        area = face_areas(self.vertices, self.faces)
+        return float(area[faces].sum() / area.sum())
 
 
 def reconstruct_surface(

@@ -35,6 +35,10 @@ MOST_LOST = 0.03
 """Above this share of measured points that lie far off the mesh, a part of the body is missing in it."""
 NOTHING_LEFT = 0.5
 """Above this share the mesh is not what was measured."""
+MUCH_FILLED = 0.3
+"""Share of filled area of a body before a black sky from which on it is asked where the body would not be lit, as sky before its never lit back may
+have carved it. Of bodies of which .35 to .44 was filled in (Blender) a rock was 36 % too small, a bus 10 %, and a CubeSat 35 % too large; by the sky
+that counts they are -1, +1 and +4 %. Of bodies that are measured nearly all round it would change little, and takes twice as long."""
 MOST_FILLED = 0.6
 """Above this share of filled area the mesh is kept, but called partial."""
 FOCAL_SIGMA = 0.003
@@ -473,7 +477,7 @@ def _surface(job: Job, seen: Evidence) -> tuple[Surface, list[np.ndarray], np.nd
     surface, masks = _closed(job, seen)
     if not seen.grey or not surface.observed.any() or surface.slope is not None:
         return surface, masks, np.zeros((0, 3))
-    if surface.hull.outside_share > OUTSIDE:
+    if surface.hull.outside_share > OUTSIDE or surface.share(~surface.observed) > MUCH_FILLED:
         surface, masks = _with_lit_sky(job, seen, surface, masks)
     lit = lit_at_times((surface.vertices, surface.faces), seen.views, masks, surface.hull, surface.spacing)
     if not len(lit):
@@ -555,8 +559,7 @@ def _closed(job: Job, seen: Evidence) -> tuple[Surface, list[np.ndarray]]:
 
 def _facts(surface: Surface, lost: float, overlap: dict[str, float]) -> dict[str, Any]:
     """`surface.json`; lost: share of the measured points that the mesh misses; overlap: by image."""
-    area = face_areas(surface.vertices, surface.faces)
-    observed, inferred = (float(area[w].sum() / area.sum()) for w in (surface.observed, surface.inferred))
+    observed, inferred = surface.share(surface.observed), surface.share(surface.inferred)
     filled = 1 - observed - inferred
     warnings = []
     if surface.slope is not None:
@@ -580,7 +583,7 @@ def _facts(surface: Surface, lost: float, overlap: dict[str, float]) -> dict[str
         "watertight": closed(surface.vertices, surface.faces),
         "observed_fraction": observed,
         "inferred_fraction": inferred,
-        "area": float(area.sum()),
+        "area": float(face_areas(surface.vertices, surface.faces).sum()),
         "vertices": len(surface.vertices),
         "faces": len(surface.faces),
         "spacing": surface.spacing,
