@@ -44,15 +44,11 @@ def silhouette(
 @njit(cache=True, error_model="numpy")
 def _fill(uv: np.ndarray, z: np.ndarray, faces: np.ndarray, depth: np.ndarray, face: np.ndarray) -> None:
     """Writes depth (h, w) and face (h, w); uv: (v, 2) [px] and z: (v,) of the vertices; faces: (f, 3)."""
-    h, w = depth.shape
     for f in range(len(faces)):
-        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-        x0, x1, y0, y1 = _reach(uv, z, a, b, c, w, h)
-        ax, ay, bx, by, cx, cy = uv[a, 0], uv[a, 1], uv[b, 0], uv[b, 1], uv[c, 0], uv[c, 1]
-        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-        if x0 > x1 or y0 > y1 or area == 0.0:
+        (x0, x1, y0, y1), (ax, ay, bx, by, cx, cy), area = _triangle(uv, z, faces[f], depth.shape)
+        if x0 > x1 or y0 > y1:
             continue
-        ia, ib, ic = 1.0 / z[a], 1.0 / z[b], 1.0 / z[c]
+        ia, ib, ic = 1.0 / z[faces[f, 0]], 1.0 / z[faces[f, 1]], 1.0 / z[faces[f, 2]]
         for y in range(y0, y1 + 1):
             for x in range(x0, x1 + 1):
                 p = ((bx - x) * (cy - y) - (by - y) * (cx - x)) / area
@@ -70,14 +66,8 @@ def _fill(uv: np.ndarray, z: np.ndarray, faces: np.ndarray, depth: np.ndarray, f
 @njit(cache=True, error_model="numpy")
 def _cover(uv: np.ndarray, z: np.ndarray, faces: np.ndarray, seen: np.ndarray) -> None:
     """Writes seen (h, w) bool; the others as of `_fill`. Twice as fast: a pixel is asked once, without its depth."""
-    h, w = seen.shape
     for f in range(len(faces)):
-        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-        x0, x1, y0, y1 = _reach(uv, z, a, b, c, w, h)
-        ax, ay, bx, by, cx, cy = uv[a, 0], uv[a, 1], uv[b, 0], uv[b, 1], uv[c, 0], uv[c, 1]
-        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-        if x0 > x1 or y0 > y1 or area == 0.0:
-            continue
+        (x0, x1, y0, y1), (ax, ay, bx, by, cx, cy), area = _triangle(uv, z, faces[f], seen.shape)
         for y in range(y0, y1 + 1):
             for x in range(x0, x1 + 1):
                 if not seen[y, x]:
@@ -87,15 +77,18 @@ def _cover(uv: np.ndarray, z: np.ndarray, faces: np.ndarray, seen: np.ndarray) -
 
 
 @njit(cache=True, error_model="numpy")
-def _reach(uv: np.ndarray, z: np.ndarray, a: int, b: int, c: int, w: int, h: int) -> tuple[int, int, int, int]:
-    """First and last column and row of the pixels that a triangle may cover; none where it reaches behind the camera."""
-    if z[a] <= 1e-9 or z[b] <= 1e-9 or z[c] <= 1e-9:
-        return 0, -1, 0, -1
-    x0, x1 = min(uv[a, 0], uv[b, 0], uv[c, 0]), max(uv[a, 0], uv[b, 0], uv[c, 0])
-    y0, y1 = min(uv[a, 1], uv[b, 1], uv[c, 1]), max(uv[a, 1], uv[b, 1], uv[c, 1])
-    return (
-        int(min(max(0.0, np.ceil(x0)), float(w))),
-        int(max(min(w - 1.0, np.floor(x1)), -1.0)),
-        int(min(max(0.0, np.ceil(y0)), float(h))),
-        int(max(min(h - 1.0, np.floor(y1)), -1.0)),
-    )
+def _triangle(
+    uv: np.ndarray, z: np.ndarray, face: np.ndarray, shape: tuple[int, int]
+) -> tuple[tuple[int, int, int, int], tuple[float, float, float, float, float, float], float]:
+    """First and last column and row of the pixels that a face may cover, its corners and twice its area in the image; no pixels where it
+    reaches behind the camera or is seen edge-on."""
+    a, b, c = face
+    ax, ay, bx, by, cx, cy = uv[a, 0], uv[a, 1], uv[b, 0], uv[b, 1], uv[c, 0], uv[c, 1]
+    area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+    if area == 0.0 or min(z[a], z[b], z[c]) <= 1e-9:
+        return (0, -1, 0, -1), (ax, ay, bx, by, cx, cy), area
+    h, w = shape
+    x0, x1 = max(0.0, np.ceil(min(ax, bx, cx))), min(w - 1.0, np.floor(max(ax, bx, cx)))
+    y0, y1 = max(0.0, np.ceil(min(ay, by, cy))), min(h - 1.0, np.floor(max(ay, by, cy)))
+    box = (int(min(x0, float(w))), int(max(x1, -1.0)), int(min(y0, float(h))), int(max(y1, -1.0)))
+    return box, (ax, ay, bx, by, cx, cy), area
