@@ -182,7 +182,6 @@ def _write_frames(job: Job, source: Source, chosen: Chosen, names: list[str] | N
     Args:
         names: to be used instead: those of the other half of a stereo pair.
     """
-
     from massprops.capture.footage import stored_frames
     from massprops.capture.names import stored_names
 
