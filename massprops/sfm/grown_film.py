@@ -211,17 +211,31 @@ def along_free_motion(
     back, while the motion through the images that are right leads to all others. A codec's errors are alike in neighbouring images: their
     own poses drift.
     """
+    if not _asks_for_motion(model, given):
+        return None
+    # a motion matches all images anew, which bears out the model that was placed by it alone
+    database = given.found.database
+    before = shutil.copy(database, given.work / "before_motion.db")
+    along = follow_free_motion(model, given)
+    if along is not None and (given.found.repeats or _leads(along, model.num_reg_images())):
+        return along
+    shutil.copy(before, database)
+    return None
+
+
+def _asks_for_motion(model: pycolmap.Reconstruction, given: ModelInputs) -> bool:
+    """Whether cells repeat, or what flies before a black sky is not placed yet in many images, or strays from a free motion."""
     if given.found.repeats:
-        return follow_free_motion(model, given)
+        return True
     placed = model.num_reg_images()
     if given.footage.background != "black" or placed < SHORTEST:
-        return None
+        return False
     nearly_all = placed >= ENOUGH * len(given.images_with_features)
-    if nearly_all and strays(model, given.footage.times.__getitem__) < np.deg2rad(STRAY_DEG):
-        return None
-    along = follow_free_motion(model, given)
-    if along is None:
-        return None
+    return not nearly_all or strays(model, given.footage.times.__getitem__) >= np.deg2rad(STRAY_DEG)
+
+
+def _leads(along: tuple[pycolmap.Reconstruction, Following], placed: int) -> bool:
+    """Whether a motion places more images than the `placed` ones, or as many and convinces."""
     followed, following = along
     more = followed.num_reg_images() - placed
-    return along if more > 0 or (more == 0 and following.gain < CONVINCES) else None
+    return more > 0 or (more == 0 and following.gain < CONVINCES)

@@ -126,6 +126,7 @@ def test_before_a_black_sky_a_jump_alone_cuts_a_film(monkeypatch: pytest.MonkeyP
 )
 def test_a_film_is_followed_along_its_motion_where_images_are_left_or_stray(
     monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
     repeats: bool,
     background: str,
     dark: int,
@@ -136,18 +137,27 @@ def test_a_film_is_followed_along_its_motion_where_images_are_left_or_stray(
     followed: bool,
 ) -> None:
     """Of a body in foil 36 of 88 images were placed, and the motion through these leads to 40 more. Heavily compressed, all images of a bus
-    were placed and lay .3 degrees from any free motion."""
+    were placed and lay .3 degrees from any free motion. What a motion that is refused has matched is put back."""
     model, more = (SimpleNamespace(num_reg_images=lambda n=n: n) for n in (placed, then))
     motion = SimpleNamespace(gain=gain)
-    monkeypatch.setattr(grown_film, "follow_free_motion", lambda *_: (more, motion))
+    database = tmp_path / "database.db"
+    database.write_text("as placed")
+
+    def follow(*_: Any) -> Any:
+        database.write_text("along the motion")
+        return more, motion
+
+    monkeypatch.setattr(grown_film, "follow_free_motion", follow)
     monkeypatch.setattr(grown_film, "strays", lambda *_: np.deg2rad(stray_deg))
     given: Any = SimpleNamespace(
-        found=SimpleNamespace(repeats=repeats),
+        found=SimpleNamespace(repeats=repeats, database=database),
+        work=tmp_path,
         images_with_features=list(range(88 - dark)),
         footage=SimpleNamespace(background=background, times={}),
     )
     found: Any = grown_film.along_free_motion(model, given)  # type: ignore[arg-type]
     assert found == ((more, motion) if followed else None)
+    assert database.read_text() == ("along the motion" if followed else "as placed")
 
 
 def test_the_images_of_a_pair_go_together() -> None:
