@@ -15,7 +15,7 @@ from massprops.errors import NotPossible
 from massprops.sfm.along_motion import CONVINCES, Following, follow_free_motion, strays
 from massprops.sfm.attempt import ENOUGH, Attempt, ModelInputs, jumps, steady_images, steady_parts
 from massprops.sfm.contradictions import contradictions
-from massprops.sfm.convert import take_out_images
+from massprops.sfm.convert import take_out_images, to_views
 from massprops.sfm.firm_part import firm_part
 from massprops.sfm.footage import FootageRecord
 from massprops.sfm.free_run import SHORTEST
@@ -215,7 +215,7 @@ def along_free_motion(
         return None
     # a motion matches all images anew, which bears out the model that was placed by it alone
     database = given.found.database
-    before = shutil.copy(database, given.work / "before_motion.db")
+    before = shutil.copy(database, database.with_name("before_motion.db"))
     along = follow_free_motion(model, given)
     if along is not None and (given.found.repeats or _leads(along, model.num_reg_images())):
         return along
@@ -231,7 +231,7 @@ def _asks_for_motion(model: pycolmap.Reconstruction, given: ModelInputs) -> bool
     if given.footage.background != "black" or placed < SHORTEST:
         return False
     nearly_all = placed >= ENOUGH * len(given.images_with_features)
-    return not nearly_all or strays(model, given.footage.times.__getitem__) >= np.deg2rad(STRAY_DEG)
+    return not nearly_all or strays(to_views(model)[0], given.footage.times.__getitem__) >= np.deg2rad(STRAY_DEG)
 
 
 def _leads(along: tuple[pycolmap.Reconstruction, Following], placed: int) -> bool:
