@@ -220,11 +220,11 @@ def decoded(path: Path, how: int) -> np.ndarray | None:
 
 
 def plain_png(path: Path, longest: int | None = None) -> bytes | None:
-    """Content of a PNG of 8-bit colours, no longer than `longest` [px], with no chunk by which a reader might show other pixels, such as a
+    """Content of a PNG of 8-bit colours or greys, no longer than `longest` [px], with no chunk by which a reader might show other pixels, such as a
     gamma, a profile, a transparent colour or EXIF; None of any other file. `png_size` tells its width and height.
     """
     content = path.read_bytes() if path.suffix.lower() == ".png" else b""
-    if content[:8] != PNG_SIGNATURE or content[24:26] != bytes((8, 2)):
+    if content[:8] != PNG_SIGNATURE or content[24:26] not in (bytes((8, 0)), bytes((8, 2))):
         return None
     at = len(PNG_SIGNATURE)
     while at < len(content):

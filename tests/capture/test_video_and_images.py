@@ -343,7 +343,11 @@ def test_only_a_png_of_just_these_pixels_is_copied(tmp_path: Path) -> None:
     ):
         (tmp_path / f"{number}.png").write_bytes(other)
         assert plain_png(tmp_path / f"{number}.png") is None
-    others = {"grey": image[..., 0], "deep": image.astype(np.uint16) * 257, "clear": np.dstack([image, image[..., :1]])}
+    cv2.imwrite(str(tmp_path / "grey.png"), image[..., 0])
+    grey = (tmp_path / "grey.png").read_bytes()
+    assert plain_png(tmp_path / "grey.png") == grey and len(grey) < len(content)
+    deep = image.astype(np.uint16) * 257
+    others = {"deep": deep, "deep grey": deep[..., 0], "clear": np.dstack([image, image[..., :1]])}
     for other_name, pixels in others.items():
         cv2.imwrite(str(tmp_path / f"{other_name}.png"), pixels)
         assert plain_png(tmp_path / f"{other_name}.png") is None
