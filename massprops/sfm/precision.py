@@ -14,6 +14,7 @@ normal errors as wide as the loss the weights promise 1.7 times too much.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -126,7 +127,7 @@ def precision(
     lens = _lens(slopes, points, how)
     system = System(n, points, slopes, lens, weight)
     stated, independent = _deviations(pseudo_inverse(system.normal), system.scores(r, weight))
-    optics = _of_lenses(views, points, slopes, lens, r, weight)
+    optics = _of_lenses(views, points, system, lens, r, weight)
     by_camera = {c: float(optics[i]) for c, i in lens.focal_at.items()}
     first = int(numbers[int(np.argmax(many))])
     bent, long = lens.bent_at.get(first), lens.focal_at.get(first)
@@ -244,11 +245,20 @@ class System:
 
     def __init__(self, n: int, points: SparsePoints, s: Derivatives, lens: Lens, weight: np.ndarray) -> None:
         """weight: (k,) of the observations."""
+        self._point, self._points, self.derivatives = points.obs_point, len(points.xyz), s
+        self._A, self._B = _sparse(n, points, s, lens)
+        self._weigh(weight)
+
+    def weighed(self, weight: np.ndarray) -> System:
+        """The same, of other weights (k,)."""
+        out = copy(self)
+        out._weigh(weight)
+        return out
+
+    def _weigh(self, weight: np.ndarray) -> None:
         import scipy.sparse as sp
 
-        p, m = points.obs_point, len(points.xyz)
-        self._point, self.derivatives = p, s
-        self._A, self._B = _sparse(n, points, s, lens)
+        p, m, s = self._point, self._points, self.derivatives
         AW = (self._A.T @ sp.diags(np.repeat(weight, 2))).tocsr()
         V = np.zeros((m, 3, 3))
         np.add.at(V, p, np.einsum("k,kia,kib->kab", weight, s.point, s.point))
@@ -262,7 +272,7 @@ class System:
         kept near it."""
         import scipy.sparse as sp
 
-        p, k, m = self._point, len(self._point), self._Vinv.shape[0] // 3
+        p, k, m = self._point, len(self._point), self._points
         track = sp.csr_matrix((np.ones(2 * k), (np.repeat(p, 2), np.arange(2 * k))), (m, 2 * k))
         S = (track @ sp.diags((r * weight[:, None]).ravel()) @ self._A).tocsr()
         b = self.point_jacobian(r, weight)
@@ -271,7 +281,7 @@ class System:
 
     def point_jacobian(self, r: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """(m, 3) slopes of half the weighed squares of residuals (k, 2) by each point."""
-        out = np.zeros((self._Vinv.shape[0] // 3, 3))
+        out = np.zeros((self._points, 3))
         np.add.at(out, self._point, np.einsum("k,kia,ki->ka", weight, self.derivatives.point, r))
         return out
 
@@ -286,7 +296,7 @@ class System:
 
 
 def _of_lenses(
-    views: Views, points: SparsePoints, s: Derivatives, lens: Lens, r: np.ndarray, weight: np.ndarray
+    views: Views, points: SparsePoints, system: System, lens: Lens, r: np.ndarray, weight: np.ndarray
 ) -> np.ndarray:
     """1-sigma (e,) of each number of the lenses, with clusters in three ways: see the module."""
     n, e = len(views), len(lens.columns)
@@ -294,7 +304,7 @@ def _of_lenses(
         return np.zeros(0)
     # a Cauchy loss curves by weight^2, in the mean over the directions of a residual
     curved = weight**2
-    system = System(n, points, s, lens, curved)
+    system = system.weighed(curved)
     every = pseudo_inverse(system.normal)[:, 6 * n :]
     inverse = 0.5 * (every[6 * n :] + every[6 * n :].T)
     # poses and points follow: what an observation says of the lenses alone
