@@ -285,9 +285,8 @@ def _first(model: pycolmap.Reconstruction, clock: Callable[[str], float]) -> _St
     return _Start(fit_line(rotation.motion, used, shifts, slimness), scale)
 
 
-def strays(model: pycolmap.Reconstruction, clock: Callable[[str], float]) -> float:
-    """How far a model's attitudes lie from one free motion [rad], as the median says; 0 of too few."""
-    views, _ = to_views(model)
+def strays(views: Views, clock: Callable[[str], float]) -> float:
+    """How far one camera's attitudes lie from one free motion [rad], as the median says; 0 of too few."""
     time = np.array([clock(n) for n in views.names])
     parts = _stretches(time)
     if not parts:

@@ -52,12 +52,9 @@ def place(views: Views, points: SparsePoints, i: int, uv: np.ndarray, lent: bool
         lent: depths come from what views from like directions saw, too: view i was placed by few points, and only beside
             these is its own depth known.
     """
-    import cv2
     from scipy.spatial import cKDTree
 
-    K, D = views.K[i], views.distortion[i]
-    xy = cv2.undistortPoints(uv.astype(np.float64).reshape(-1, 1, 2), K, D).reshape(-1, 2) if len(uv) else uv
-    ray = np.column_stack([xy, np.ones(len(uv))])
+    ray = rays(uv, views.K[i], views.distortion[i])
     of_view = points.obs_view == i
     at, xyz = points.obs_uv[of_view], points.xyz[points.obs_point[of_view]]
     if lent:
@@ -70,6 +67,14 @@ def place(views: Views, points: SparsePoints, i: int, uv: np.ndarray, lent: bool
     beside = np.sort(z[near], axis=1)
     # without the two extremes, so that one wrong track, or one on another surface, opens no gate
     return Placed(uv, ray, beside[:, [1, -2]])
+
+
+def rays(uv: np.ndarray, K: np.ndarray, distortion: np.ndarray) -> np.ndarray:
+    """(k, 3) rays of unit depth, in camera axes, of places uv (k, 2) in the image, centres of pixels at whole numbers [px]."""
+    import cv2
+
+    xy = cv2.undistortPoints(uv.astype(np.float64).reshape(-1, 1, 2), K, distortion).reshape(-1, 2) if len(uv) else uv
+    return np.column_stack([xy, np.ones(len(uv))])
 
 
 def seen_alike(views: Views, points: SparsePoints, i: int) -> tuple[np.ndarray, np.ndarray]:

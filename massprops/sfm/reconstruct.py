@@ -33,6 +33,7 @@ from massprops.sfm.last_adjustment import SfmResult, corrected_by_shutter, finis
 from massprops.sfm.left_out_images import add_left_out_images
 from massprops.sfm.loops import close_loops
 from massprops.sfm.mapping import quiet
+from massprops.sfm.pair_from_film import asks_for_film, film_of_first, from_film
 from massprops.sfm.sound import require_sound, take_out
 
 
@@ -67,10 +68,17 @@ def _reconstruct(
 ) -> SfmResult:
     """As `reconstruct`; held: the footage with a focal length to begin with."""
 
-    def begin(start: int, folder: Path) -> MappedFootage:
-        return _mapped(footage, folder, replace(options, seed=options.seed + start), progress, held)
+    def best(footage: FootageRecord, work: Path) -> MappedFootage:
+        def begin(start: int, folder: Path) -> MappedFootage:
+            return _mapped(footage, folder, replace(options, seed=options.seed + start), progress, held)
 
-    return _finished(best_start(begin, footage, work), progress)
+        return best_start(begin, footage, work)
+
+    mapped = best(footage, work)
+    if asks_for_film(mapped):
+        with suppress(NotPossible):
+            mapped = from_film(mapped, best(film_of_first(footage), work / "film"))
+    return _finished(mapped, progress)
 
 
 def _mapped(

@@ -1,0 +1,141 @@
+"""A pair of cameras placed by the film of its first one.
+
+Much can be asked of one camera's film alone: from where the mapper begins, whether its motion jumps, which free motion leads on
+(`massprops.sfm.grown_film`, `massprops.sfm.film_starts`). A pair of which images are left out, or whose attitudes stray from any free
+motion, is placed as that film is. The mounting then places the second camera, and features that both show at one moment tell how large
+the film's unit is.
+"""
+
+from __future__ import annotations
+
+import zlib  # noqa: F401  must precede pycolmap
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pycolmap
+
+from massprops.errors import NotPossible
+from massprops.sfm.along_motion import strays
+from massprops.sfm.convert import HALF, opencv_camera, to_points, to_views
+from massprops.sfm.database import image_numbers, rig_pose
+from massprops.sfm.film_starts import MappedFootage
+from massprops.sfm.footage import FootageRecord, FrameRecord
+from massprops.sfm.grown_film import STRAY_DEG
+from massprops.sfm.guided import rays
+from massprops.sfm.loops import close_loops, match_predicted
+from massprops.sfm.mapping import retriangulate
+
+FEWEST = 30
+"""Points that a second camera must show at their moment for the unit of a film to be told."""
+
+SAME_PX = 0.5
+"""Distance between two places that are one feature's [px]."""
+
+
+def film_of_first(footage: FootageRecord) -> FootageRecord:
+    """The film of a pair's first camera."""
+    first = footage.cameras[0]
+    frames = tuple(f for f in footage.frames if f.camera == first.id)
+    return replace(footage, kind="sequence", cameras=(first,), frames=frames)
+
+
+def asks_for_film(pair: MappedFootage) -> bool:
+    """Whether a flying body's pair leaves images out, its matches contradict it, or its attitudes stray from a free motion."""
+    footage = pair.given.footage
+    if not footage.rig or footage.motion != "tumbling" or footage.background != "black":
+        return False
+    views = to_views(pair.model)[0]
+    off = strays(views.take(views.of_first_camera), footage.times.__getitem__)
+    return not pair.convinces or off >= np.deg2rad(STRAY_DEG)
+
+
+def from_film(pair: MappedFootage, film: MappedFootage) -> MappedFootage:
+    """The images of `pair` placed as its first camera's `film` is.
+
+    Raises:
+        NotPossible: the second camera shows too few of the film's points.
+    """
+    given = replace(pair.given, work=pair.given.work / "from_film")
+    model, found = _with_other_cameras(film.model, pair), given.found
+    model = retriangulate(model, found.database, given.frames, given.work / "first", found.mapping)
+    model = match_predicted(model, given, given.work) if found.special else close_loops(model, given)
+    return MappedFootage(model, given, pair.first, film.warnings, film.unsure)
+
+
+def _with_other_cameras(film: pycolmap.Reconstruction, pair: MappedFootage) -> pycolmap.Reconstruction:
+    """All images of the moments that a film has placed, without points, in metres."""
+    unit, features = _metres_per_unit(film, pair), pair.given.found.features
+    views, ids = to_views(film)
+    row = {name: i for i, name in enumerate(views.names)}
+    out = pycolmap.Reconstruction()
+    for camera in pair.model.cameras.values():
+        out.add_camera(film.camera(camera.camera_id) if film.exists_camera(camera.camera_id) else camera)
+    with pycolmap.Database.open(pair.given.found.database) as db:
+        for rig in db.read_all_rigs():
+            out.add_rig(rig)
+        images = {image.image_id: image for image in db.read_all_images()}
+        for frame in db.read_all_frames():
+            taken = [images[data.id] for data in frame.data_ids]
+            placed = next((row[image.name] for image in taken if image.name in row), None)
+            if placed is None:
+                continue
+            pose = np.column_stack([views.R[placed], unit * views.t[placed]])
+            frame.rig_from_world = pycolmap.Rigid3d(pose)
+            out.add_frame(frame)
+            for image in taken:
+                places = features[image.name][0][:, :2].astype(float)
+                new = pycolmap.Image(
+                    name=image.name, camera_id=image.camera_id, image_id=image.image_id, keypoints=places
+                )
+                new.frame_id = frame.frame_id
+                out.add_image(new)
+            out.register_frame(frame.frame_id)
+    return out
+
+
+def _metres_per_unit(film: pycolmap.Reconstruction, pair: MappedFootage) -> float:
+    """How long a film's unit is: that by which its points fall where the other cameras show them.
+
+    Raises:
+        NotPossible: these show too few of them.
+    """
+    each = np.concatenate([np.zeros(0), *_units(film, pair)])
+    if len(each) < FEWEST:
+        raise NotPossible("the second camera shows too few features of the first one's film")
+    return float(np.median(each))
+
+
+def _units(film: pycolmap.Reconstruction, pair: MappedFootage) -> Iterator[np.ndarray]:
+    """(k,) metres in a film's unit, as the points that two images of one moment show tell it, of each such two.
+
+    A point at x in the first camera is at s R x + t in the other, which sees it along r: s is where r x (s R x + t) is least.
+    """
+    from scipy.spatial import cKDTree
+
+    footage, found = pair.given.footage, pair.given.found
+    mounted, numbers = rig_pose(footage.cameras), image_numbers(found.database)
+    views, ids = to_views(film)
+    points = to_points(film, ids)
+    taken: dict[str, list[FrameRecord]] = {}
+    for f in footage.frames:
+        taken.setdefault(f.name.split("/", 1)[1], []).append(f)
+    with pycolmap.Database.open(found.database) as db:
+        for i, name in enumerate(views.names):
+            of_view = points.obs_view == i
+            for other in taken[name.split("/", 1)[1]]:
+                if other.name == name or not {name, other.name} <= numbers.keys() or not of_view.any():
+                    continue
+                geometry = db.read_two_view_geometry(numbers[name], numbers[other.name])
+                matches = np.asarray(geometry.inlier_matches, int).reshape(-1, 2)
+                here, there = (
+                    found.features[n][0][matches[:, k], :2] - HALF for k, n in enumerate((name, other.name))
+                )
+                far, nearest = cKDTree(points.obs_uv[of_view]).query(here)
+                same = far < SAME_PX
+                xyz = points.xyz[points.obs_point[of_view][nearest[same]]]
+                to_other, K, distortion = mounted[other.camera], *opencv_camera(pair.model.camera(other.camera + 1))
+                ray = rays(there[same], K, distortion)
+                turned = np.cross(ray, (xyz @ views.R[i].T + views.t[i]) @ to_other[:3, :3].T)
+                shifted = np.cross(ray, to_other[:3, 3])
+                yield -np.einsum("ki,ki->k", turned, shifted) / np.einsum("ki,ki->k", turned, turned)
