@@ -128,9 +128,7 @@ def _units(film: pycolmap.Reconstruction, pair: MappedFootage) -> Iterator[np.nd
                     continue
                 geometry = db.read_two_view_geometry(numbers[name], numbers[other.name])
                 matches = np.asarray(geometry.inlier_matches, int).reshape(-1, 2)
-                here, there = (
-                    found.features[n][0][matches[:, k], :2] - HALF for k, n in enumerate((name, other.name))
-                )
+                here, there = (found.features[n][0][matches[:, k], :2] - HALF for k, n in enumerate((name, other.name)))
                 far, nearest = cKDTree(points.obs_uv[of_view]).query(here)
                 same = far < SAME_PX
                 xyz = points.xyz[points.obs_point[of_view][nearest[same]]]

@@ -148,6 +148,7 @@ def test_a_film_is_followed_along_its_motion_where_images_are_left_or_stray(
         return more, motion
 
     monkeypatch.setattr(grown_film, "follow_free_motion", follow)
+    monkeypatch.setattr(grown_film, "to_views", lambda shown: (shown, []))
     monkeypatch.setattr(grown_film, "strays", lambda *_: np.deg2rad(stray_deg))
     given: Any = SimpleNamespace(
         found=SimpleNamespace(repeats=repeats, database=database),
