@@ -50,13 +50,15 @@ def asks_for_film(pair: MappedFootage) -> bool:
     return not pair.convinces or off >= np.deg2rad(STRAY_DEG)
 
 
-def from_film(pair: MappedFootage, film: MappedFootage) -> MappedFootage:
-    """The images of `pair` placed as its first camera's `film` is.
+def by_film(pair: MappedFootage, film: MappedFootage) -> MappedFootage:
+    """A pair's images as its first camera's film places them, where that convinces or places more moments; else as they are.
 
     Raises:
         NotPossible: the second camera shows too few of the film's points.
     """
-    given = replace(pair.given, work=pair.given.work / "from_film")
+    if not film.convinces and film.model.num_reg_frames() <= pair.model.num_reg_frames():
+        return pair.doubted() if film.unsure and not pair.convinces else pair
+    given = replace(pair.given, work=pair.given.work / "by_film")
     model, found = _with_other_cameras(film.model, pair), given.found
     model = retriangulate(model, found.database, given.frames, given.work / "first", found.mapping)
     model = match_predicted(model, given, given.work) if found.special else close_loops(model, given)
@@ -100,40 +102,45 @@ def _metres_per_unit(film: pycolmap.Reconstruction, pair: MappedFootage) -> floa
     Raises:
         NotPossible: these show too few of them.
     """
-    each = np.concatenate([np.zeros(0), *_units(film, pair)])
+    each = np.concatenate([np.zeros(0), *(_units(*both) for both in _seen_by_two(film, pair))])
+    each = each[np.isfinite(each)]
     if len(each) < FEWEST:
         raise NotPossible("the second camera shows too few features of the first one's film")
     return float(np.median(each))
 
 
-def _units(film: pycolmap.Reconstruction, pair: MappedFootage) -> Iterator[np.ndarray]:
-    """(k,) metres in a film's unit, as the points that two images of one moment show tell it, of each such two.
-
-    A point at x in the first camera is at s R x + t in the other, which sees it along r: s is where r x (s R x + t) is least.
-    """
+def _seen_by_two(
+    film: pycolmap.Reconstruction, pair: MappedFootage
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Of each image of a film and another camera's of that moment the points that both show: (k, 3) in the first camera, in the film's
+    unit, (k, 3) rays in the other, and (4, 4) that takes the first camera to the other [m]."""
     from scipy.spatial import cKDTree
 
     footage, found = pair.given.footage, pair.given.found
     mounted, numbers = rig_pose(footage.cameras), image_numbers(found.database)
     views, ids = to_views(film)
     points = to_points(film, ids)
-    taken: dict[str, list[FrameRecord]] = {}
+    others: dict[str, list[FrameRecord]] = {}
     for f in footage.frames:
-        taken.setdefault(f.name.split("/", 1)[1], []).append(f)
+        if f.camera != footage.cameras[0].id and f.name in numbers:
+            others.setdefault(f.name.split("/", 1)[1], []).append(f)
     with pycolmap.Database.open(found.database) as db:
         for i, name in enumerate(views.names):
             of_view = points.obs_view == i
-            for other in taken[name.split("/", 1)[1]]:
-                if other.name == name or not {name, other.name} <= numbers.keys() or not of_view.any():
-                    continue
+            xyz = points.xyz[points.obs_point[of_view]] @ views.R[i].T + views.t[i]
+            for other in others.get(name.split("/", 1)[1], []) if len(xyz) and name in numbers else []:
                 geometry = db.read_two_view_geometry(numbers[name], numbers[other.name])
                 matches = np.asarray(geometry.inlier_matches, int).reshape(-1, 2)
-                here, there = (found.features[n][0][matches[:, k], :2] - HALF for k, n in enumerate((name, other.name)))
-                far, nearest = cKDTree(points.obs_uv[of_view]).query(here)
+                uv = [found.features[n][0][matches[:, k], :2] - HALF for k, n in enumerate((name, other.name))]
+                far, nearest = cKDTree(points.obs_uv[of_view]).query(uv[0])
                 same = far < SAME_PX
-                xyz = points.xyz[points.obs_point[of_view][nearest[same]]]
-                to_other, K, distortion = mounted[other.camera], *opencv_camera(pair.model.camera(other.camera + 1))
-                ray = rays(there[same], K, distortion)
-                turned = np.cross(ray, (xyz @ views.R[i].T + views.t[i]) @ to_other[:3, :3].T)
-                shifted = np.cross(ray, to_other[:3, 3])
-                yield -np.einsum("ki,ki->k", turned, shifted) / np.einsum("ki,ki->k", turned, turned)
+                K, distortion = opencv_camera(pair.model.camera(other.camera + 1))
+                yield xyz[nearest[same]], rays(uv[1][same], K, distortion), mounted[other.camera]
+
+
+def _units(xyz: np.ndarray, ray: np.ndarray, to_other: np.ndarray) -> np.ndarray:
+    """(k,) metres in a unit, of points (k, 3) in a first camera, seen along rays (k, 3) by another: what is at x in the first is at
+    s R x + t in the other, and the unit s is where r x (s R x + t) is least."""
+    turned, shifted = np.cross(ray, xyz @ to_other[:3, :3].T), np.cross(ray, to_other[:3, 3])
+    with np.errstate(all="ignore"):
+        return np.asarray(-np.einsum("ki,ki->k", turned, shifted) / np.einsum("ki,ki->k", turned, turned))

@@ -33,7 +33,7 @@ from massprops.sfm.last_adjustment import SfmResult, corrected_by_shutter, finis
 from massprops.sfm.left_out_images import add_left_out_images
 from massprops.sfm.loops import close_loops
 from massprops.sfm.mapping import quiet
-from massprops.sfm.pair_from_film import asks_for_film, film_of_first, from_film
+from massprops.sfm.pair_from_film import asks_for_film, by_film, film_of_first
 from massprops.sfm.sound import require_sound, take_out
 
 
@@ -77,7 +77,7 @@ def _reconstruct(
     mapped = best(footage, work)
     if asks_for_film(mapped):
         with suppress(NotPossible):
-            mapped = from_film(mapped, best(film_of_first(footage), work / "film"))
+            mapped = by_film(mapped, best(film_of_first(footage), work / "film"))
     return _finished(mapped, progress)
 
 

@@ -18,7 +18,7 @@ from massprops.sfm.database import write_database
 from massprops.sfm.film_starts import MappedFootage
 from massprops.sfm.footage import CameraRecord, FrameRecord
 from massprops.sfm.mapping import MappingOptions, map_images, match, quiet
-from massprops.sfm.pair_from_film import asks_for_film, film_of_first, from_film
+from massprops.sfm.pair_from_film import asks_for_film, by_film, film_of_first
 from massprops.sfm.points import project
 from massprops.views import Views
 
@@ -99,7 +99,7 @@ def test_a_pair_that_leaves_images_out_is_placed_by_its_film_in_metres(both):
     truth, pair, film = both
     part = without(pair, range(8, MOMENTS))
     assert part.model.num_reg_images() == 16
-    found = from_film(part, replace(film, warnings=["of the film"], unsure=True))
+    found = by_film(part, replace(film, warnings=["of the film"], unsure=True))
     views = to_views(found.model)[0]
     assert views.names == truth.names
     assert test_mapping.attitude_error(views, truth) < 1e-3
@@ -134,7 +134,19 @@ def test_a_second_camera_that_shows_nothing_of_the_film_is_not_placed(both, tmp_
     features = {n: (own if n.startswith("cam0") else others)[n] for n in truth.names}
     apart = mapped(tmp_path / "apart", footage, features)
     with pytest.raises(NotPossible, match="second camera shows too few"):
-        from_film(replace(apart, model=pair.model), film)
+        by_film(replace(apart, model=pair.model), film)
+
+
+def test_a_film_that_does_not_convince_must_place_more(both):
+    _, pair, film = both
+    part = without(pair, range(8, MOMENTS))
+    few = without(film, range(6, MOMENTS))
+    assert not few.convinces and by_film(part, few) is part
+    doubted = by_film(part, few.doubted())
+    assert doubted.unsure and doubted.model is part.model
+    assert by_film(pair, few.doubted()) is pair  # what convinces is not in doubt
+    more = by_film(without(pair, range(4, MOMENTS)), few.doubted())
+    assert more.model.num_reg_frames() == 6 and more.unsure
 
 
 @pytest.mark.parametrize("refused", [False, True])
