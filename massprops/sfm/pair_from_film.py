@@ -16,12 +16,10 @@ import numpy as np
 import pycolmap
 
 from massprops.errors import NotPossible
-from massprops.sfm.along_motion import strays
 from massprops.sfm.convert import HALF, opencv_camera, to_points, to_views
 from massprops.sfm.database import image_numbers, rig_pose
 from massprops.sfm.film_starts import MappedFootage
 from massprops.sfm.footage import FootageRecord, FrameRecord
-from massprops.sfm.grown_film import STRAY_DEG
 from massprops.sfm.guided import rays
 from massprops.sfm.loops import close_loops, match_predicted
 from massprops.sfm.mapping import retriangulate
@@ -41,13 +39,10 @@ def film_of_first(footage: FootageRecord) -> FootageRecord:
 
 
 def asks_for_film(pair: MappedFootage) -> bool:
-    """Whether a flying body's pair leaves images out, its matches contradict it, or its attitudes stray from a free motion."""
+    """Whether a flying body's pair does not convince: it leaves images out, its matches contradict it, or it strays from a free motion."""
     footage = pair.given.footage
-    if not footage.rig or footage.motion != "tumbling" or footage.background != "black":
-        return False
-    views = to_views(pair.model)[0]
-    off = strays(views.take(views.of_first_camera), footage.times.__getitem__)
-    return not pair.convinces or off >= np.deg2rad(STRAY_DEG)
+    flies = footage.rig and footage.motion == "tumbling" and footage.background == "black"
+    return flies and not pair.convinces
 
 
 def by_film(pair: MappedFootage, film: MappedFootage) -> MappedFootage:
