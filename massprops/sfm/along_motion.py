@@ -156,6 +156,21 @@ def _followed(
     return model, start.tumble
 
 
+def match_along(
+    model: pycolmap.Reconstruction, following: Following, given: ModelInputs
+) -> tuple[pycolmap.Reconstruction, Following]:
+    """The images of a model matched anew, by the features of `given`, where their motion predicts them, and the motion adjusted to that.
+
+    Raises:
+        NotPossible: too little is left.
+    """
+    clock, start = following.clock, _Start(following.tumble, {})
+    names = {model.image(i).name for i in model.reg_image_ids()}
+    for turn, gate in enumerate(GATES[1:]):
+        model, start = _round(model, start, names, gate, replace(given, work=given.work / f"motion{turn}"), clock)
+    return model, replace(following, tumble=start.tumble, gain=_own_poses(model, start.tumble, clock, given)[1])
+
+
 def _moved_px(model: pycolmap.Reconstruction, before: Tumble, after: Tumble, times: np.ndarray) -> float:
     """How far the outer parts of a body move in any image from one motion to another, whose axes in the body are free [px]."""
     views, ids = to_views(model)

@@ -16,6 +16,7 @@ from massprops.sfm.attempt import ModelInputs, SfmOptions
 from massprops.sfm.best_attempt import placed
 from massprops.sfm.contradictions import contradictions
 from massprops.sfm.film_starts import MappedFootage, best_start
+from massprops.sfm.finer_features import with_finer_features
 from massprops.sfm.footage import FootageRecord
 from massprops.sfm.grown_film import (
     along_free_motion,
@@ -78,7 +79,7 @@ def _reconstruct(
     if asks_for_film(mapped):
         with suppress(NotPossible):
             mapped = by_film(mapped, best(film_of_first(footage), work / "film"))
-    return _finished(mapped, progress)
+    return _finished(with_finer_features(mapped), progress)
 
 
 def _mapped(
