@@ -88,7 +88,8 @@ def test_they_are_not_looked_for_without_a_motion_or_where_there_are_many(film, 
     asked = looked_for(monkeypatch, finer(truth, 480))
     given = mapped.given
     alone = replace(
-        mapped, given=replace(given, options=replace(given.options, refine=replace(given.options.refine, following=None)))
+        mapped,
+        given=replace(given, options=replace(given.options, refine=replace(given.options.refine, following=None))),
     )
     many = replace(mapped, given=replace(given, found=replace(given.found, features=finer(truth, 520))))
     assert with_finer_features(alone) is alone and with_finer_features(many) is many and not asked
