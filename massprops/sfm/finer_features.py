@@ -14,6 +14,7 @@ import pycolmap
 
 from massprops.errors import NotPossible
 from massprops.sfm.along_motion import WORSE, Following, match_along
+from massprops.sfm.at_outlines import drop_outline_points
 from massprops.sfm.attempt import ModelInputs
 from massprops.sfm.convert import to_views
 from massprops.sfm.database import write_database
@@ -55,8 +56,10 @@ def with_finer_features(mapped: MappedFootage) -> MappedFootage:
 
 
 def _stated(model: pycolmap.Reconstruction, following: Following, given: ModelInputs) -> float:
-    """1-sigma of the attitudes, in the median [rad]."""
-    names, loss = to_views(model)[0].names, robust_loss(model, given.options.refine)
+    """1-sigma of the attitudes, in the median [rad], by the features that the last adjustment will use (`refine_along`)."""
+    inner = pycolmap.Reconstruction(model)
+    drop_outline_points(inner, following.footage)
+    names, loss = to_views(model)[0].names, robust_loss(inner, given.options.refine)
     free_focal = not given.found.mapping.fixed_intrinsics
-    stated = tumble_precision(model, following.tumble, following.clock, loss, free_focal, names)
+    stated = tumble_precision(inner, following.tumble, following.clock, loss, free_focal, names)
     return float(np.median(stated.attitude))
