@@ -45,8 +45,16 @@ def multiway_meat(seen: Scores, labels: tuple[np.ndarray, ...]) -> np.ndarray:
     total = np.zeros((seen.score.shape[1],) * 2)
     for count in range(1, len(labels) + 1):
         for some in combinations(labels, count):
-            total -= (-1) ** count * _summed(seen, np.unique(np.stack(some), axis=1, return_inverse=True)[1].ravel())
+            total -= (-1) ** count * _summed(seen, _together(some))
     return total
+
+
+def _together(labels: tuple[np.ndarray, ...]) -> np.ndarray:
+    """(o,) numbers of the clusters of what is alike in all of some ways, from the labels (o,) of each, counted from 0."""
+    code = np.zeros(len(labels[0]), np.int64)
+    for label in labels:
+        code = code * (int(label.max(initial=0)) + 1) + label
+    return np.unique(code, return_inverse=True)[1]
 
 
 def _summed(seen: Scores, label: np.ndarray) -> np.ndarray:
@@ -56,8 +64,9 @@ def _summed(seen: Scores, label: np.ndarray) -> np.ndarray:
     residuals. So a score counts as it would without its cluster in the fit.
     """
     total = np.zeros((seen.score.shape[1],) * 2)
-    for one in np.unique(label):
-        in_cluster = label == one
+    order = np.argsort(label, kind="stable")
+    clusters = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
+    for in_cluster in clusters:
         slope = seen.slope[in_cluster].reshape(-1, total.shape[0]) @ seen.root.T
         share, directions = np.linalg.eigh(slope.T @ slope)
         # in units of the whole information: what is left without the cluster
@@ -65,8 +74,7 @@ def _summed(seen: Scores, label: np.ndarray) -> np.ndarray:
         unit = seen.root @ seen.score[in_cluster].sum(axis=0)
         moved = np.linalg.solve(seen.root, directions @ (without_cluster * (directions.T @ unit)))
         total += np.outer(moved, moved)
-    count = len(np.unique(label))
-    return total * (count - 1) / count
+    return total * (len(clusters) - 1) / len(clusters)
 
 
 def in_places(xyz: np.ndarray, most: int = PLACES) -> np.ndarray:
