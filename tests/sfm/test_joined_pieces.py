@@ -133,6 +133,7 @@ def test_films_of_tumbling_bodies_are_joined_so_and_photographs_are_not(tmp_path
     monkeypatch.setattr(reconstruct, "close_loops", lambda model, given: model)
     monkeypatch.setattr(reconstruct, "add_left_out_images", lambda model, given: model)
     monkeypatch.setattr(reconstruct, "join_models", lambda model, *rest: model)
+    monkeypatch.setattr(reconstruct, "with_finer_features", lambda mapped: mapped)
     monkeypatch.setattr(reconstruct, "finish", last)
     monkeypatch.setattr(grown_film, "join_pieces", lambda model, apart, given: asked.append(len(apart)) or model)
     for kind, motion in (("video", "tumbling"), ("video", "static"), ("images", "tumbling")):
