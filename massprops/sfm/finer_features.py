@@ -32,13 +32,14 @@ FEW = 500
 def with_finer_features(mapped: MappedFootage) -> MappedFootage:
     """The footage matched anew by finer features along the motion that its images follow, where it shows few and that makes them surer."""
     given = mapped.given
-    following, found, footage = given.options.refine.following, given.found, given.footage
-    if following is None or np.median([len(places) for places, _ in found.features.values()]) >= FEW:
+    options, found, footage = given.options, given.found, given.footage
+    following = options.refine.following
+    # an image in the Earth's shadow shows none
+    if following is None or np.median([len(found.features[n][0]) for n in given.images_with_features]) >= FEW:
         return mapped
     work = given.work / "finer"
     work.mkdir(parents=True)
-    wanted, database = with_denoising(footage, given.options.enlarged), work / "database.db"
-    options = given.options
+    wanted, database = with_denoising(footage, options.enlarged), work / "database.db"
     features, _ = extract_all(
         footage, wanted, found.mapping.masked, options.threads, given.progress, options.parts, footage.frames
     )
