@@ -1,4 +1,4 @@
-"""More features of a body that shows few, at the places that its free motion predicts.
+"""More features of a body that shows few unique ones, at the places that its free motion predicts.
 
 Of foil and of like cells only what is unique was matched, a few hundred features of an image. Once the motion is known to a pixel or two, a
 feature need not be unique: those of images that are twice as large, four to eight times as many, are matched where it predicts them.
@@ -30,12 +30,18 @@ FEW = 500
 
 
 def with_finer_features(mapped: MappedFootage) -> MappedFootage:
-    """The footage matched anew by finer features along the motion that its images follow, where it shows few and that makes them surer."""
+    """The footage matched anew by finer features along the motion that its images follow, where it shows few unique ones and that makes
+    their attitudes surer.
+
+    Not where nothing repeats: of a bus half in eclipse (Blender), of 102 features an image, shape was as before and its interval too narrow.
+    """
     given = mapped.given
     options, found, footage = given.options, given.found, given.footage
     following = options.refine.following
+    if following is None or not found.repeats:
+        return mapped
     # an image in the Earth's shadow shows none
-    if following is None or np.median([len(found.features[n][0]) for n in given.images_with_features]) >= FEW:
+    if np.median([len(found.features[n][0]) for n in given.images_with_features]) >= FEW:
         return mapped
     work = given.work / "finer"
     work.mkdir(parents=True)

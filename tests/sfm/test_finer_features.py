@@ -28,7 +28,8 @@ def film(tmp_path_factory):
     (given.footage.folder / "frames").mkdir(exist_ok=True)
     model, following = follow_free_motion(given.found.models[0], given)
     refine = replace(given.options.refine, following=following)
-    given = replace(given, options=replace(given.options, refine=refine))
+    found = replace(given.found, repeats=True)
+    given = replace(given, found=found, options=replace(given.options, refine=refine))
     return truth, MappedFootage(model, given, Path(), [])
 
 
@@ -83,7 +84,7 @@ def test_features_that_follow_another_motion_are_not_taken(film, tmp_path, monke
     assert with_finer_features(same) is same and asked
 
 
-def test_they_are_not_looked_for_without_a_motion_or_where_there_are_many(film, tmp_path, monkeypatch):
+def test_they_are_not_looked_for_without_a_motion_or_where_there_are_many_or_none_repeat(film, tmp_path, monkeypatch):
     truth, mapped = film
     asked = looked_for(monkeypatch, finer(truth, 480))
     given = mapped.given
@@ -92,4 +93,6 @@ def test_they_are_not_looked_for_without_a_motion_or_where_there_are_many(film, 
         given=replace(given, options=replace(given.options, refine=replace(given.options.refine, following=None))),
     )
     many = replace(mapped, given=replace(given, found=replace(given.found, features=finer(truth, 520))))
-    assert with_finer_features(alone) is alone and with_finer_features(many) is many and not asked
+    varied = replace(mapped, given=replace(given, found=replace(given.found, repeats=False)))
+    for other in (alone, many, varied):
+        assert with_finer_features(other) is other and not asked
