@@ -17,13 +17,13 @@ import pycolmap
 
 from massprops.errors import NotPossible
 from massprops.geometry.vectors import turns_apart
-from massprops.sfm.along_motion import CONVINCES, CUTS, GATES, strays
+from massprops.sfm.along_motion import CONVINCES, CUTS, GATES
 from massprops.sfm.attempt import ENOUGH, ModelInputs
 from massprops.sfm.contradictions import contradictions
 from massprops.sfm.convert import to_points, to_views
 from massprops.sfm.footage import FootageRecord
 from massprops.sfm.free_adjustment import cauchy_cost
-from massprops.sfm.grown_film import STRAY_DEG, is_film
+from massprops.sfm.grown_film import is_film, strays_from_motion
 from massprops.sfm.verified_matches import MANY
 
 STARTS = 3
@@ -77,9 +77,9 @@ class MappedFootage:
             return False
         if following is not None:
             return following.gain < CONVINCES
-        views = to_views(self.model)[0]
-        off = strays(views.take(views.of_first_camera), self.given.footage.times.__getitem__)
-        return off < np.deg2rad(STRAY_DEG) and contradictions(self.model, self.given.found.database).share < MANY
+        if strays_from_motion(self.model, self.given.footage):
+            return False
+        return contradictions(self.model, self.given.found.database).share < MANY
 
     def doubted(self) -> MappedFootage:
         """The same as one result of several."""

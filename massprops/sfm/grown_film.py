@@ -231,7 +231,13 @@ def _asks_for_motion(model: pycolmap.Reconstruction, given: ModelInputs) -> bool
     if given.footage.background != "black" or placed < SHORTEST:
         return False
     nearly_all = placed >= ENOUGH * len(given.images_with_features)
-    return not nearly_all or strays(to_views(model)[0], given.footage.times.__getitem__) >= np.deg2rad(STRAY_DEG)
+    return not nearly_all or strays_from_motion(model, given.footage)
+
+
+def strays_from_motion(model: pycolmap.Reconstruction, footage: FootageRecord) -> bool:
+    """Whether the first camera's attitudes lie farther from one free motion than those that are right (`STRAY_DEG`)."""
+    views = to_views(model)[0]
+    return strays(views.take(views.of_first_camera), footage.times.__getitem__) >= np.deg2rad(STRAY_DEG)
 
 
 def _leads(along: tuple[pycolmap.Reconstruction, Following], placed: int) -> bool:

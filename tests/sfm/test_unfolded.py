@@ -148,11 +148,11 @@ def test_a_film_is_followed_along_its_motion_where_images_are_left_or_stray(
         return more, motion
 
     monkeypatch.setattr(grown_film, "follow_free_motion", follow)
-    monkeypatch.setattr(grown_film, "to_views", lambda shown: (shown, []))
+    views = SimpleNamespace(of_first_camera=None, take=lambda _: None)
+    monkeypatch.setattr(grown_film, "to_views", lambda _: (views, []))
     monkeypatch.setattr(grown_film, "strays", lambda *_: np.deg2rad(stray_deg))
     given: Any = SimpleNamespace(
         found=SimpleNamespace(repeats=repeats, database=database),
-        work=tmp_path,
         images_with_features=list(range(88 - dark)),
         footage=SimpleNamespace(background=background, times={}),
     )
