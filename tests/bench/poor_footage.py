@@ -5,7 +5,6 @@ The motion is sampled several times a frame, so that a shutter that stays open, 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 import trimesh
+from backdrop import stars_and_limb
 
 from massprops.mass.integrals import greatest_length
 from massprops.mass.properties import MassProperties, mass_properties
@@ -26,9 +26,6 @@ SAMPLES = 6
 ROW_SAMPLES = 48
 """As above where rows are read one after the other: fine enough that the image moves by less than a third of a pixel
 from one band of rows to the next. With 6 it was torn by two pixels at two rows, which no camera does."""
-
-Backdrop = Callable[[int, np.ndarray], np.ndarray]
-"""What is behind the body in frame i, from the black sky (h, w) in grey levels."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +106,7 @@ def _draw(
         np.zeros(3),
     )
     renderer = Renderer(mesh, chosen, lens_of(chosen))
-    backdrop = _sky(chosen) if poor.sky else None
+    backdrop = stars_and_limb(chosen.size, chosen.seed) if poor.sky else None
     black, lit = renderer.backdrop, renderer.scenario
     rng = np.random.default_rng([chosen.seed, 3])
     files = []
@@ -142,25 +139,3 @@ def _exposed(moments: list[np.ndarray], poor: Poor) -> np.ndarray:
         return np.concatenate([m[rows] for m, rows in zip(moments, bands, strict=True)])
     out: np.ndarray = np.rint(np.mean(moments, axis=0)).astype(np.uint8)
     return out
-
-
-def _sky(chosen: Scenario) -> Backdrop:
-    """Stars that stand still, and the Earth's bright limb below, whose clouds move on."""
-    w, h = chosen.size
-    rng = np.random.default_rng([chosen.seed, 5])
-    stars = np.zeros((h, w), np.float32)
-    count = w * h // 900
-    stars[rng.integers(0, h, count), rng.integers(0, w, count)] = rng.exponential(250.0, count)
-    stars = cv2.GaussianBlur(stars, (0, 0), 0.7)
-    rows, columns = np.mgrid[0:h, 0:w].astype(np.float32)
-    radius = 2.2 * w
-    depth = radius - np.hypot(columns - 0.3 * w, rows - (0.86 * h + radius))
-    clouds = cv2.GaussianBlur(rng.standard_normal((h, 4 * w)).astype(np.float32), (0, 0), 0.03 * w)
-    clouds = 130.0 + 45.0 * clouds / clouds.std()
-
-    def behind(i: int, black: np.ndarray) -> np.ndarray:
-        shift = round(i * 0.01 * w) % (3 * w)
-        edge = np.clip(depth / 4.0, 0.0, 1.0)
-        return np.clip((black + stars) * (1 - edge) + edge * clouds[:, shift : shift + w], 0, 255)
-
-    return behind

@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from tabletop.silhouettes import project
 from tabletop.truth import read_scene_truth
 from tumbling_footage.bodies import KINDS, make_body
-from tumbling_footage.footage import Footage, prepare
+from tumbling_footage.footage import Footage, images_of, prepare
+from tumbling_footage.poor import POOR
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -50,3 +52,38 @@ def test_the_truth_is_the_motion_that_is_rendered(tmp_path: Path) -> None:
     for pose in truth.poses[::10]:
         pixels = project(truth.mesh.vertices, pose, truth.K, truth.distortion)
         assert np.all((pixels > 0) & (pixels < truth.size[0]))
+
+
+@pytest.mark.parametrize("poor", POOR)
+def test_one_thing_is_wrong_with_footage_at_a_time(poor: str, tmp_path: Path) -> None:
+    footage = Footage(kind="bus", number=2, poor=poor, frames=8)
+    prepare(footage, tmp_path)
+    document = json.loads((tmp_path / "work" / "scene.json").read_text())
+    assert (document["rolling"], document["coverage"]) == (poor == "rolling", poor == "sky")
+    away = np.array([np.array(f["body"])[1] @ [*_centre(tmp_path), 1] for f in document["frames"]])[:, 2]
+    assert np.allclose(away / away[0], np.linspace(1, 3 if poor == "receding" else 1, footage.count))
+    through = np.array(document["frames"][3]["body"])[[0, 2], :3, :3]
+    turned = np.degrees(np.arccos((np.trace(through[0].T @ through[1]) - 1) / 2))
+    # blurred and rolling footage turn while a frame is taken, by what is stated for a frame's mean turn
+    assert turned == pytest.approx({"blurred": 2.0, "rolling": 3.0}.get(poor, 0.05), rel=0.3)
+
+
+def _centre(folder: Path) -> np.ndarray:
+    with np.load(folder / "work" / "truth.npz") as z:
+        return z["com_cad"]
+
+
+def test_stars_and_limb_are_behind_the_body(tmp_path: Path) -> None:
+    frames = tmp_path / "work" / "frames"
+    frames.mkdir(parents=True)
+    footage = Footage(kind="bus", number=2, poor="sky", frames=1)
+    width, height = footage.how.size
+    picture = np.zeros((height, width, 4), np.uint16)
+    picture[200:300, 300:400] = 20000
+    picture[480:, 300:400] = 20000
+    picture[200:300, 300:400, 3] = picture[480:, 300:400, 3] = 65535
+    cv2.imwrite(str(frames / "000000.png"), picture)
+    (seen,) = images_of(footage, tmp_path / "work", 1)
+    body, limb, sky = seen[480:, 310:390], seen[530:, :290], seen[:150]
+    assert body.std() < 5 and np.median(sky) < 10
+    assert np.median(limb) > 60 and (sky.max(2) > 60).sum() > 20

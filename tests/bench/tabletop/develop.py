@@ -21,22 +21,36 @@ BEGIN = datetime(2026, 11, 15, 10, 12, 0)
 """Clock of the first photograph."""
 
 
-def linear(image: np.ndarray) -> np.ndarray:
-    """Scene light of a 16-bit sRGB picture, in units of display white."""
-    v = image.astype(np.float32) / 65535
-    return UNDER * np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
+def linear(v: np.ndarray) -> np.ndarray:
+    """Light of sRGB values from 0 to 1, in units of display white."""
+    return np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
 
 
 def rendered_light(work: Path, number: int) -> np.ndarray:
-    """(h, w, 3) float32 light of a rendered frame, BGR.
+    """(h, w, 3) float32 light of a rendered frame, BGR, in units of display white.
 
     Raises:
         FileNotFoundError: it has not been rendered.
     """
+    picture = _rendered(work, number)
+    light = UNDER * linear(picture[..., :3])
+    return light * picture[..., 3:] if picture.shape[2] == 4 else light
+
+
+def rendered_coverage(work: Path, number: int) -> np.ndarray:
+    """(h, w) float32 share of each pixel of a frame that was rendered with `coverage` that shows a body.
+
+    Raises:
+        FileNotFoundError: it has not been rendered.
+    """
+    return _rendered(work, number)[..., 3]
+
+
+def _rendered(work: Path, number: int) -> np.ndarray:
     path = work / "frames" / f"{number:06d}.png"
     if not path.is_file():
         raise FileNotFoundError(path)
-    return linear(cv2.imread(str(path), cv2.IMREAD_UNCHANGED))
+    return cv2.imread(str(path), cv2.IMREAD_UNCHANGED).astype(np.float32) / 65535
 
 
 def display(light: np.ndarray) -> np.ndarray:

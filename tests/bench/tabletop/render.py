@@ -127,6 +127,11 @@ def set_up(scene: dict) -> None:
     s.render.use_motion_blur, s.render.motion_blur_shutter = True, 2.0
     s.render.image_settings.file_format, s.render.image_settings.color_depth = "PNG", "16"
     s.render.image_settings.color_mode, s.render.image_settings.compression = "RGB", 15
+    if scene.get("rolling"):
+        # rows from the first to the last between the shutter's opening and closing, each exposed for a hundredth of that
+        s.cycles.rolling_shutter_type, s.cycles.rolling_shutter_duration = "TOP", 0.01
+    if scene.get("coverage"):
+        s.render.film_transparent, s.render.image_settings.color_mode = True, "RGBA"
     s.view_settings.view_transform, s.view_settings.exposure = "Standard", EXPOSURE
     s.frame_set(1)
 

@@ -20,7 +20,8 @@ from tabletop.table import HEAD, line
 from tabletop.truth import scene_folders
 
 from tumbling_footage.bodies import KINDS
-from tumbling_footage.footage import POOR, SENSORS, Footage, develop, prepare
+from tumbling_footage.footage import SENSORS, Footage, develop, prepare
+from tumbling_footage.poor import POOR
 
 
 def main() -> None:
@@ -31,7 +32,7 @@ def main() -> None:
     render = verbs.add_parser("render", help="render bodies that are missing")
     render.add_argument("kind", choices=list(KINDS))
     render.add_argument("numbers", nargs="+", type=int)
-    render.add_argument("--poor", choices=POOR, default="")
+    render.add_argument("--poor", choices=[name for name in POOR if name], default="")
     render.add_argument(
         "--sensors", choices=SENSORS, default="", help="a sequence folder with attitudes or a second camera"
     )

@@ -1,7 +1,7 @@
 """How a body tumbles and is filmed: free rotation before a still camera, one hard Sun, a black sky.
 
 Bodies with an even number are for development; **those with an odd number are held out** and not looked at until the
-end. `POOR` names what can be wrong with the footage.
+end. `poor.POOR` names what can be wrong with the footage.
 """
 
 from __future__ import annotations
@@ -14,8 +14,9 @@ from typing import Any
 import cv2
 import numpy as np
 import trimesh
+from backdrop import stars_and_limb
 from tabletop import textures
-from tabletop.develop import display, rendered_light, sensor_noise, write_video
+from tabletop.develop import display, linear, rendered_coverage, rendered_light, sensor_noise, write_video
 from tabletop.prepare import FPS, write_pictures, write_scene
 from tabletop.truth import truth_arrays
 
@@ -30,12 +31,10 @@ from massprops.dynamics.rigid_body import propagate
 from massprops.sequence.data import AttitudeSeries, Camera, Sequence
 from massprops.sequence.write import write_sequence
 from tumbling_footage.bodies import KINDS, Body, make_body
+from tumbling_footage.poor import POOR, Poor
 
 SEED = 20261123
 """Of every draw: body number k of kind number j uses the generator (SEED, j, k)."""
-
-POOR = ("few", "small", "compressed", "noisy", "blurred", "eclipse")
-"""16 images; 320 x 240; heavy H.264; night's noise; 2 degrees of turn an exposure; no Sun in half of the frames."""
 
 SENSORS = ("attitudes", "stereo")
 """A sequence folder in place of a video: with the attitude of each image, or with a second camera beside the first."""
@@ -59,7 +58,7 @@ SUN = {"sun": 0.0093, "watts": 14.0, "warm": 0.0}
 
 @dataclass(frozen=True, kw_only=True)
 class Footage:
-    """One body, what is wrong with its footage and what else is known: `poor` is empty or one of `POOR`, `sensors` empty or one of
+    """One body, what is wrong with its footage and what else is known: `poor` is one of `POOR`, `sensors` empty or one of
     `SENSORS`; `frames` is for all but few."""
 
     kind: str
@@ -80,14 +79,14 @@ class Footage:
         return self.number % 2 == 1
 
     @property
-    def size(self) -> tuple[int, int]:
-        """Width and height [px]."""
-        return (320, 240) if self.poor == "small" else (720, 540)
+    def how(self) -> Poor:
+        """How it is filmed."""
+        return POOR[self.poor]
 
     @property
     def count(self) -> int:
         """Frames."""
-        return 16 if self.poor == "few" else self.frames
+        return self.how.frames or self.frames
 
     def generator(self) -> np.random.Generator:
         """The body's own random numbers; the same for poor footage of it."""
@@ -101,7 +100,7 @@ def prepare(footage: Footage, folder: Path) -> None:
     rng = footage.generator()
     body = make_body(footage.kind, rng)
     rates, shutter = _motion(footage, rng, body.mesh)
-    width, height = footage.size
+    width, height = footage.how.size
     focal = 1.45 * width
     radius = float(np.linalg.norm(body.mesh.vertices - body.mesh.center_mass, axis=1).max())
     distance = radius * focal / (0.44 * height)
@@ -109,7 +108,8 @@ def prepare(footage: Footage, folder: Path) -> None:
     if footage.sensors == "stereo":
         cameras.append(np.eye(4))
         cameras[1][0, 3] = BASELINE * distance
-    moved = [_seen(p, body.mesh.center_mass, distance) for p in shutter]
+    away = distance * np.linspace(1.0, footage.how.farther, footage.count)
+    moved = [_seen(p, body.mesh.center_mass, z) for p, z in zip(shutter, away, strict=True)]
     angle, side = np.radians(rng.uniform(20, 60)), rng.uniform(0, 2 * np.pi)
     sun = [np.sin(angle) * np.cos(side), np.sin(angle) * np.sin(side), -np.cos(angle)]
     pictures, looks = _surfaces(body, rng)
@@ -119,11 +119,13 @@ def prepare(footage: Footage, folder: Path) -> None:
         "size": [width, height],
         "focal": focal,
         "samples": 16,
+        "rolling": footage.how.rows_deg > 0,
+        "coverage": footage.how.sky,
         "body": looks,
         "things": [],
         "lights": [{**SUN, "at": sun}],
         "ambient": {"strength": 0.0, "warm": 0.0},
-        "frames": [_frame(drawn.vertices, camera, m, focal, footage.size) for camera in cameras for m in moved],
+        "frames": [_frame(drawn.vertices, camera, m, focal, footage.how.size) for camera in cameras for m in moved],
     }
     write_pictures(work, pictures)
     np.savez(work / "body.npz", vertices=drawn.vertices, faces=drawn.faces, part=part)
@@ -131,7 +133,9 @@ def prepare(footage: Footage, folder: Path) -> None:
     K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
     clock = SECONDS * np.arange(footage.count)
     middle = np.stack([m[1] for m in moved])
-    arrays = truth_arrays(body.mesh, middle, np.stack([cameras[0]] * footage.count), K, footage.size, clock, w=rates)
+    arrays = truth_arrays(
+        body.mesh, middle, np.stack([cameras[0]] * footage.count), K, footage.how.size, clock, w=rates
+    )
     np.savez(work / "truth.npz", **arrays)
     write_scene(work, document)
 
@@ -144,13 +148,14 @@ def _motion(footage: Footage, rng: np.random.Generator, mesh: trimesh.Trimesh) -
     direction = np.array(
         [rng.choice([-1, 1]) * rng.uniform(0.15, 0.45), 1.0, rng.choice([-1, 1]) * rng.uniform(0.15, 0.45)]
     )
-    step = np.radians(360.0 / 16 if footage.poor == "few" else RATE)
+    how = footage.how
+    step = np.radians(360.0 / how.frames if how.frames else RATE)
     w0 = axes @ direction / np.linalg.norm(direction) * step / SECONDS
     start = normalise(rng.standard_normal(4))
     momentum = inertia @ w0 / np.linalg.norm(inertia @ w0)
     while abs(float((rotation_matrix(start) @ momentum)[2])) > np.cos(np.radians(LEAST_ASPECT)):
         start = normalise(rng.standard_normal(4))
-    half = 0.5 * np.radians(2.0 if footage.poor == "blurred" else 0.05) / (step / SECONDS)
+    half = 0.5 * np.radians(how.rows_deg or how.open_deg) / (step / SECONDS)
     times = (SECONDS * np.arange(footage.count)[:, None] + [-half, 0.0, half]).ravel()
     q, w = propagate(start, w0, inertia, times, largest_turn=0.02)
     return w[1::3], rotation_matrix(q).reshape(-1, 3, 3, 3)
@@ -199,8 +204,8 @@ def develop(footage: Footage, folder: Path) -> None:
     with np.load(work / "truth.npz", allow_pickle=False) as z:
         truth = {k: z[k] for k in z.files}
     document = json.loads((work / "scene.json").read_text())
-    images = _images(footage, work, len(document["frames"]))
-    if footage.poor == "few":
+    images = images_of(footage, work, len(document["frames"]))
+    if footage.how.frames:
         (folder / "photos").mkdir(exist_ok=True)
         truth["names"] = np.array([f"{i:03d}.png" for i in range(footage.count)])
         for name, image in zip(truth["names"], images, strict=True):
@@ -208,22 +213,27 @@ def develop(footage: Footage, folder: Path) -> None:
     elif footage.sensors:
         _sequence(footage, folder / "sequence", images, truth, document)
     else:
-        write_video(folder / "cam0.mp4", images, 34 if footage.poor == "compressed" else 17)
+        write_video(folder / "cam0.mp4", images, footage.how.crf)
     np.savez(work / "finished.npz", **truth)
     (work / "finished.npz").replace(folder / "truth.npz")
 
 
-def _images(footage: Footage, work: Path, count: int) -> list[np.ndarray]:
-    """What the camera makes of the rendered light."""
+def images_of(footage: Footage, work: Path, count: int) -> list[np.ndarray]:
+    """What the camera makes of the rendered light of the first `count` frames in a folder: (h, w, 3) uint8 each, BGR."""
     rng = np.random.default_rng([SEED, footage.number, 7])
     lights = [rendered_light(work, i) for i in range(count)]
     bright = np.concatenate([light.mean(2)[light.mean(2) > 0.02][::50] for light in lights])
     gain = 0.35 / float(np.median(bright))
+    how = footage.how
+    sky = stars_and_limb(how.size, footage.number) if how.sky else None
     images = []
     for i, light in enumerate(lights):
-        shadow = 0.002 if footage.poor == "eclipse" and (i // 11) % 2 else 1.0
+        shadow = 0.002 if how.dark and (i // how.dark) % 2 else 1.0
         seen = np.clip(light * gain * shadow, 0, None)
-        images.append(display(seen + sensor_noise(seen, rng, 6.0 if footage.poor == "noisy" else 1.0)))
+        if sky is not None:
+            behind = sky(i, np.zeros(how.size[::-1], np.float32))
+            seen += (1 - rendered_coverage(work, i))[..., None] * linear(behind / 255)[..., None]
+        images.append(display(seen + sensor_noise(seen, rng, how.noise)))
     return images
 
 
@@ -239,7 +249,7 @@ def _sequence(
         camera.mkdir(parents=True, exist_ok=True)
         write_video(camera / "video.mp4", images[first : first + footage.count], 17)
         mount = np.array(document["frames"][first]["camera"][1])
-        cameras[number] = Camera(resolution=footage.size, intrinsics=intrinsics, T_BS=mount)
+        cameras[number] = Camera(resolution=footage.how.size, intrinsics=intrinsics, T_BS=mount)
     attitude = None
     if footage.sensors == "attitudes":
         sigma = np.radians(ATTITUDE_SIGMA)
