@@ -536,21 +536,18 @@ def _first_pairs(
 
 
 def _rig_pairs(footage: FootageRecord, names: list[str], options: SfmOptions) -> Names:
-    by_camera = {
-        c.id: [f.name for f in footage.frames if f.camera == c.id and f.name in set(names)] for c in footage.cameras
-    }
+    known = set(names)
+    by_camera = {c.id: [f for f in footage.frames if f.camera == c.id and f.name in known] for c in footage.cameras}
     pairs = []
     # with half as many, the attitudes of two simulated spacecraft were off by 0.11 and 0.27 degrees, in place of 0.06, 0.17
-    for frame_names in by_camera.values():
-        pairs += [(frame_names[i], frame_names[j]) for i, j in pairing.sequential(len(frame_names), options.overlap)]
+    for frames in by_camera.values():
+        pairs += [(frames[i].name, frames[j].name) for i, j in pairing.sequential(len(frames), options.overlap)]
     first = by_camera[footage.cameras[0].id]
     for camera in footage.cameras[1:]:
-        tails = {n.split("/", 1)[1]: n for n in by_camera[camera.id]}
-        for i, name in enumerate(first):
-            for other in first[i : i + 3]:
-                partner = tails.get(other.split("/", 1)[1])
-                if partner:
-                    pairs.append((name, partner))
+        partners = {f.moment: f.name for f in by_camera[camera.id]}
+        for i, frame in enumerate(first):
+            later = first[i : i + 3]
+            pairs += [(frame.name, partners[other.moment]) for other in later if other.moment in partners]
     return pairs
 
 

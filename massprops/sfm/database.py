@@ -61,7 +61,7 @@ def write_database(
     frames: dict[str, list[FrameRecord]] = {}
     for f in footage.frames:
         if f.name in features:
-            frames.setdefault(f.name.split("/", 1)[1] if footage.rig else f.name, []).append(f)
+            frames.setdefault(f.moment if footage.rig else f.name, []).append(f)
     ids = {f.name: i for i, f in enumerate((f for taken_together in frames.values() for f in taken_together), start=1)}
     with pycolmap.Database.open(path) as db, pycolmap.DatabaseTransaction(db):
         for record in footage.cameras:

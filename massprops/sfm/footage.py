@@ -38,6 +38,11 @@ class FrameRecord:
     turn: int = 0
     place: int = 0
 
+    @property
+    def moment(self) -> str:
+        """What the images that a rig's cameras take together have in common: the name within the stream."""
+        return self.name.split("/", 1)[1]
+
 
 @dataclass(frozen=True)
 class CameraRecord:

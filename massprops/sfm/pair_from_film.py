@@ -115,15 +115,16 @@ def _seen_by_two(
     mounted, numbers = rig_pose(footage.cameras), image_numbers(found.database)
     views, ids = to_views(film)
     points = to_points(film, ids)
+    moments = {f.name: f.moment for f in footage.frames}
     others: dict[str, list[FrameRecord]] = {}
     for f in footage.frames:
         if f.camera != footage.cameras[0].id and f.name in numbers:
-            others.setdefault(f.name.split("/", 1)[1], []).append(f)
+            others.setdefault(f.moment, []).append(f)
     with pycolmap.Database.open(found.database) as db:
         for i, name in enumerate(views.names):
             of_view = points.obs_view == i
             xyz = points.xyz[points.obs_point[of_view]] @ views.R[i].T + views.t[i]
-            for other in others.get(name.split("/", 1)[1], []) if len(xyz) and name in numbers else []:
+            for other in others.get(moments[name], []) if len(xyz) and name in numbers else []:
                 geometry = db.read_two_view_geometry(numbers[name], numbers[other.name])
                 matches = np.asarray(geometry.inlier_matches, int).reshape(-1, 2)
                 uv = [found.features[n][0][matches[:, k], :2] - HALF for k, n in enumerate((name, other.name))]
