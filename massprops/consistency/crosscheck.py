@@ -153,7 +153,8 @@ def _check(
         scale = scale_against(e, frame) if frame is not None and scaled else None
         compared.append(judge.compare_one(e, mesh, tie, scale, None if slides is None else slides.inertia))
     film = film_estimate(folder, mesh.axes) if from_run else None
-    if film is not None:
+    # a gyroscope may show what the film does not
+    if film is not None and (film[0].observable or footage.rates is None):
         compared.insert(0, judge.compare_tied(film[0], mesh, (np.eye(3), "attitude0"), film[1]))
     best = judge.reference_of(compared)
     residuals = {} if watched is None or stopped else _residuals(watched, mesh, best)

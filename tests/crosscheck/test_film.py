@@ -1,5 +1,7 @@
 """A film whose images were placed by one free motion is asked for its inertia itself."""
 
+import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,8 @@ from massprops.consistency.crosscheck import crosscheck
 from massprops.consistency.film import FILM, FLOOR, film_estimate
 from massprops.estimators import methods as registry
 from massprops.mass.ratio_space import inertia_of, log_components
+from massprops.sequence import RateSeries, write_sequence
+from massprops.sequence.read import read_sequence
 from massprops.sfm.free_motion import BASIS
 
 WRONG = TRUE_K + [0.2, -0.1]
@@ -54,11 +58,21 @@ def test_the_verdict_rests_on_it(tmp_path: Path) -> None:
     assert wrong.verdict == "inconsistent" and wrong.document["rests_on"] == FILM
 
 
-def test_a_film_that_shows_no_ratios_leaves_the_verdict_to_the_others(tmp_path: Path) -> None:
-    run = with_film(make_run(tmp_path / "run", TRUE_K), TRUE_K, np.eye(5))
+def test_a_film_that_shows_no_ratios_is_not_outvoted_by_what_reads_its_attitudes(tmp_path: Path) -> None:
+    run = with_film(make_run(tmp_path / "run", WRONG), TRUE_K, np.eye(5))
     found = crosscheck(run, write=False)
-    assert found.document["rests_on"] == "simple"
-    assert not found.document["estimators"][0]["observable"]
+    assert found.verdict == "unobservable" and "the film does not show k1 and k2" in found.document["reason"]
+    assert [e["observable"] for e in found.document["estimators"]] == [False, True]
+
+
+def test_a_gyroscope_may_show_what_a_film_does_not(tmp_path: Path) -> None:
+    run = with_film(make_run(tmp_path / "run", TRUE_K), TRUE_K, np.eye(5))
+    sequence = read_sequence(run)
+    rates = RateSeries(sequence.attitude.timestamp_ns, np.zeros((len(sequence.attitude.timestamp_ns), 3)), None)
+    shutil.rmtree(run / "sequence")
+    write_sequence(run / "sequence", replace(sequence, rates=rates))
+    found = crosscheck(run, write=False)
+    assert [e["name"] for e in found.document["estimators"]] == ["simple"]
 
 
 def test_a_run_whose_images_have_poses_of_their_own_has_none(tmp_path: Path) -> None:
