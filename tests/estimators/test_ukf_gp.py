@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
-from test_ukf import K, motion, problem, run, stereo
+from test_ukf import RIG, SIGMA, K, images, motion, problem, run, stereo
 
 from massprops.campaigns.papers import _kabir2025_model as model
 from massprops.campaigns.papers import kabir2025
@@ -79,6 +79,20 @@ def test_points_on_a_moving_body() -> None:
     path = np.array([0.3, -0.2, 9.0]) + 0.002 * found.times[:, None] * np.array([1.0, 0.5, -0.7])
     assert np.abs(found.position - path)[dark].max() < 0.02
     assert found.innovation < 1.3
+
+
+def test_points_of_one_camera_are_carried_by_its_attitudes() -> None:
+    # one camera shows no depth for a process to learn
+    n, rng = 440, np.random.default_rng(2)
+    t, q, _ = motion(n, 1.0, 2 * np.pi * 0.1 * np.array([2.0, 1.0, 2.0]) / 3)
+    uv = images(RIG[:1], q, np.tile([0.3, -0.2, 9.0], (n, 1)), rng.uniform(-1, 1, size=(5, 3)))
+    sigma = np.full(n, 2e-3)
+    measured = multiply(q, from_rotation_vector(2e-3 * rng.normal(size=(n, 3))))
+    tracks = Problem.of_tracks(t, RIG[:1], uv + SIGMA * rng.normal(size=uv.shape), SIGMA)
+    found = carried(darkened(replace(tracks, attitude=measured, sigma_attitude=sigma), True))
+    assert found.converged and any("1 of 1 occlusions" in line for line in found.warnings)
+    dark = (found.times >= DARK[0]) & (found.times < DARK[1])
+    assert angle_between(found.q[dark], q[dark]).max() < 5e-3
 
 
 def test_too_little_to_learn_from_is_said() -> None:

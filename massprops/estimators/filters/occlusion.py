@@ -82,7 +82,8 @@ def _with_epochs(problem: Problem, times: np.ndarray) -> Problem:
 def fill_gap(
     problem: Problem, setup: Setup, gap: Gap, passage: Passage, rows: Measurements, chosen: np.ndarray
 ) -> tuple[Measurements, int, str]:
-    """Pseudo-measurements over one gap, learnt from what came before it.
+    """Pseudo-measurements over one gap, learnt from what came before it: of features where two cameras show how far they are, else of
+    the attitudes and rates.
 
     Args:
         passage: the filter's run over the epochs before the gap, from `setup.first`.
@@ -92,7 +93,7 @@ def fill_gap(
         measurements with the gap filled, how many processes carry it, and one line when none could be learnt.
     """
     inside = slice(gap.begin - setup.first, gap.end - setup.first)
-    if setup.points:
+    if setup.points and len(problem.cameras) == 2:
         return _fill_points(problem, setup, gap, passage, rows, chosen, inside)
     before = slice(0, gap.begin)
     ahead = problem.times[gap.begin : gap.end]
