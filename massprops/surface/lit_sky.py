@@ -5,58 +5,50 @@ in other images sees sky there: of a CubeSat that turned half of its sides away,
 points are not there. A hull that is held back for their sake carves nothing where they are right, and what was never measured, such as
 a white end, all the same.
 
-Where the body would be lit follows from its shape. So a first shape is made with the sky that counts in any case (towards the Sun
-from all that is lit, `massprops.surface.unlit.spare_behind_light`), which is too large; its sides that turn away from the Sun or lie in
-its shadow take the sky before them out of the evidence, and the rest of the sky carves it, twice. From a shape that is too small it
-does not come back: in a crater that was carved by mistake there are walls which would be lit.
+Where the body would be lit follows from its shape. So the largest shape that the sky allows is found first
+(`massprops.surface.space_carving`): within the sky that counts in any case (towards the Sun from all that is lit,
+`massprops.surface.unlit.spare_behind_light`), without all that would be lit where images show sky. Sides of it that turn away from the
+Sun or lie in its shadow take the sky before them out of the evidence. From a shape that is too small one does not come back: in a
+crater that was carved by mistake there are walls which would be lit.
 """
 
 from __future__ import annotations
-
-from collections.abc import Callable
 
 import numpy as np
 
 from massprops.geometry.rasterise import rasterise
 from massprops.surface.cloud import Cloud
-from massprops.surface.reconstruct import Surface
 from massprops.surface.refine import vertex_normals
 from massprops.surface.shadow import IN_SHADOW, behind_first
+from massprops.surface.silhouette import make_hull
+from massprops.surface.space_carving import LIT, carved
 from massprops.surface.unlit import spare_behind_light, sun_of_views
 from massprops.views import AMBIGUOUS, Views
 
-ROUNDS = 2
-"""Shapes that are made on the way. A path-traced CubeSat (27) is 15 % too large before the first, 6 % after it and 1 % too small after both; this
-and the two below were set while looking at it, CubeSats 14 and 29 and a body in foil (14)."""
-GRAZING = 0.1
-"""Cosine between a side and the Sun up to which it may be too dark to tell from the sky."""
 WIDER = 2
-"""Distance beyond an unlit side at which sky is still none of the evidence, as outlines are known to that [px]."""
+"""Distance beyond an unlit side at which sky is still none of the evidence, and beside a silhouette at which it is none of a lit side's absence,
+as outlines are known to that [px]."""
 
 
 def sky_where_lit(
-    views: Views,
-    masks: list[np.ndarray],
-    grey: list[np.ndarray],
-    cloud: Cloud,
-    closed: Callable[[list[np.ndarray]], Surface],
-    seed: int = 0,
+    views: Views, masks: list[np.ndarray], grey: list[np.ndarray], cloud: Cloud, seed: int = 0
 ) -> list[np.ndarray] | None:
     """Silhouettes (h, w) of a body before a black sky in which sky is 128, no evidence, where the body would not be lit; None where
     its brightness does not tell the Sun's direction.
 
     Args:
         views, masks, grey, cloud, seed: as for `massprops.surface.unlit.spare_unlit`.
-        closed: makes a surface from such silhouettes.
     """
+    import cv2
+
     towards = sun_of_views(views, grey, cloud, seed)
     if towards is None:
         return None
-    out = spare_behind_light(views, masks, grey)
-    for _ in range(ROUNDS):
-        surface = closed(out)
-        out = spare_where_unlit(views, masks, (surface.vertices, surface.faces), towards, surface.spacing)
-    return out
+    hull = make_hull(views, spare_behind_light(views, masks, grey), cloud.xyz, free=True)
+    near = cv2.getStructuringElement(cv2.MORPH_RECT, (2 * WIDER + 1,) * 2)
+    sky = [cv2.erode((mask == 0).astype(np.uint8), near) > 0 for mask in masks]
+    vertices, faces, step = carved(views, sky, towards, hull, cloud.xyz)
+    return spare_where_unlit(views, masks, (vertices, faces), towards, step)
 
 
 def spare_where_unlit(
@@ -76,7 +68,7 @@ def spare_where_unlit(
     out = []
     for i, mask in enumerate(masks):
         sun = views.R[i].T @ towards[i]
-        dark = (normal @ sun < GRAZING) | (behind_first(vertices, faces, sun) > IN_SHADOW * spacing)
+        dark = (normal @ sun < LIT) | (behind_first(vertices, faces, sun) > IN_SHADOW * spacing)
         face = rasterise(vertices, faces, views.K[i], views.R[i], views.t[i], mask.shape[::-1])[1]
         unlit = (face >= 0) & (dark[faces].sum(axis=1) >= 2)[face]
         near = cv2.dilate(unlit.astype(np.uint8), wider) > 0

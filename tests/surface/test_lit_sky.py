@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
+from functools import partial
 
 import numpy as np
+import pytest
 import trimesh
 from synthetic_dense import cameras, sphere_directions
 
 from massprops.geometry.rasterise import rasterise, silhouette
+from massprops.surface import lit_sky
 from massprops.surface.cloud import Cloud
-from massprops.surface.lit_sky import ROUNDS, WIDER, sky_where_lit, spare_where_unlit
+from massprops.surface.lit_sky import WIDER, sky_where_lit, spare_where_unlit
 from massprops.views import AMBIGUOUS
 
 VIEWS = cameras(sphere_directions(24), 4.0, 330.0)
@@ -79,7 +81,8 @@ def test_what_lies_in_a_shadow_is_unlit() -> None:
     assert np.mean(shaded[lit] == AMBIGUOUS) > 0.5
 
 
-def test_two_shapes_are_made_on_the_way_and_none_without_a_sun() -> None:
+def test_sky_counts_where_the_body_would_be_lit_and_none_without_a_sun(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lit_sky, "carved", partial(lit_sky.carved, side=56))
     normal = np.asarray(BLOCK.face_normals)
     count = len(normal)
     start = np.arange(0, 2 * count + 1, 2, dtype=np.int32)
@@ -87,14 +90,13 @@ def test_two_shapes_are_made_on_the_way_and_none_without_a_sun() -> None:
     xyz = np.asarray(BLOCK.triangles_center)
     cloud = Cloud(xyz=xyz, normal=normal, sigma=np.full(count, 0.003), view_start=start, view_index=seen)
     masks = [np.where(lit_pixels(BLOCK, i), 255, 0).astype(np.uint8) for i in range(len(VIEWS))]
-    asked: list[list[np.ndarray]] = []
-
-    def closed(shown: list[np.ndarray]) -> SimpleNamespace:
-        asked.append(shown)
-        return SimpleNamespace(vertices=BLOCK.vertices, faces=BLOCK.faces, spacing=0.03)
-
     black = [np.zeros_like(m) for m in masks]
-    assert sky_where_lit(VIEWS, masks, black, cloud, closed) is None and not asked
+    assert sky_where_lit(VIEWS, masks, black, cloud) is None
     grey = [(m // 255 * 150).astype(np.uint8) for m in masks]
-    shown = sky_where_lit(VIEWS, masks, grey, cloud, closed)
-    assert shown is not None and len(asked) == ROUNDS
+    shown = sky_where_lit(VIEWS, masks, grey, cloud)
+    assert shown is not None
+    dark = [drawn(BLOCK, i) & (m == 0) for i, m in enumerate(masks)]
+    spared = sum(np.count_nonzero(after[d] == AMBIGUOUS) for after, d in zip(shown, dark, strict=True))
+    assert spared > 0.95 * sum(np.count_nonzero(d) for d in dark)
+    far = [~drawn(BLOCK, i) & (m == 0) for i, m in enumerate(masks)]
+    assert sum(np.count_nonzero(after[f]) for after, f in zip(shown, far, strict=True)) < 0.1 * sum(map(np.sum, far))

@@ -493,11 +493,8 @@ def _with_lit_sky(
     """The surface without the sky before sides that would not be lit, where that misses less of the silhouettes; else as it was given."""
     from massprops.surface.lit_sky import sky_where_lit
 
-    def closed(shown: list[np.ndarray]) -> Surface:
-        return _closed(job, replace(seen, masks=shown, balance=None))[0]
-
     try:
-        shown = sky_where_lit(seen.views, seen.masks, seen.grey, seen.cloud, closed, job.seed)
+        shown = sky_where_lit(seen.views, seen.masks, seen.grey, seen.cloud, job.seed)
         if shown is None:
             return surface, masks
         again, shown = _closed(job, replace(seen, masks=shown))
