@@ -44,10 +44,11 @@ def sky_where_lit(
     towards = sun_of_views(views, grey, cloud, seed)
     if towards is None:
         return None
-    hull = make_hull(views, spare_behind_light(views, masks, grey), cloud.xyz, free=True)
+    measured = cloud.xyz[cloud.is_finite]
+    hull = make_hull(views, spare_behind_light(views, masks, grey), measured, free=True)
     near = cv2.getStructuringElement(cv2.MORPH_RECT, (2 * WIDER + 1,) * 2)
     sky = [cv2.erode((mask == 0).astype(np.uint8), near) > 0 for mask in masks]
-    vertices, faces, step = carved(views, sky, towards, hull, cloud.xyz)
+    vertices, faces, step = carved(views, sky, towards, hull, measured)
     return spare_where_unlit(views, masks, (vertices, faces), towards, step)
 
 

@@ -23,9 +23,12 @@ from massprops.views import Views
 Array = np.ndarray
 
 SIDE = 160
-"""Places along the longest side of the grid."""
+"""Places along the longest side of the grid: 4 to 6 px of a body of 340 px. With 112, of 6 px, a rock of which 41 % was never lit came out 5 % too small, with
+160 1 %; it is the one that these numbers were set on."""
 BESIDE = 0.5
-"""Room about what was measured, of its longest side, that an unmeasured side may reach into."""
+"""Room about what was measured, of its longest side, that an unmeasured side may reach into: as far as the other half of a ball."""
+OUTLIERS = 0.001
+"""Share of measured points on either side that do not say where the grid begins."""
 LIT = 0.2
 """Cosine between a side and the Sun, and between it and the line of sight, from which on it would be seen: normals on a grid and the Sun's
 direction are known to some 5 degrees each."""
@@ -60,17 +63,20 @@ def carved(
     """
     from scipy.ndimage import binary_dilation, gaussian_filter
 
-    low, high = measured.min(axis=0), measured.max(axis=0)
+    low, high = np.quantile(measured, [OUTLIERS, 1.0 - OUTLIERS], axis=0)
     room = BESIDE * float((high - low).max())
     step = (float((high - low).max()) + 2 * room) / side
     origin = low - room - step
     size = np.ceil((high + room - origin) / step).astype(int) + 2
-    places = origin + step * np.stack(np.meshgrid(*map(np.arange, size), indexing="ij"), axis=-1).reshape(-1, 3)
-    body = (hull.value(places) < 0).reshape(size)
+    slab = np.stack(np.meshgrid([0], *map(np.arange, size[1:]), indexing="ij"), axis=-1).reshape(-1, 3)
+    # slab by slab: the hull asks as much memory of a place as it counts views
+    inside = [hull.value(origin + step * (slab + [i, 0, 0])) < 0 for i in range(size[0])]
+    body = np.stack(inside).reshape(size)
     for axis in range(3):  # a border of sky
         np.moveaxis(body, axis, 0)[[0, -1]] = False
     kept = np.zeros(size, bool)
-    kept[tuple(np.rint((measured - origin) / step).astype(int).T)] = True
+    at = np.rint((measured - origin) / step).astype(int)
+    kept[tuple(at[((at > 0) & (at < size - 1)).all(axis=1)].T)] = True
     kept = binary_dilation(kept)
     body |= kept
     seen = _seen(views, sky, towards)
