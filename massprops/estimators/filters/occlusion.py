@@ -93,7 +93,7 @@ def fill_gap(
         measurements with the gap filled, how many processes carry it, and one line when none could be learnt.
     """
     inside = slice(gap.begin - setup.first, gap.end - setup.first)
-    if setup.points and len(problem.cameras) == 2:
+    if setup.points and problem.stereo:
         return _fill_points(problem, setup, gap, passage, rows, chosen, inside)
     before = slice(0, gap.begin)
     ahead = problem.times[gap.begin : gap.end]
