@@ -26,8 +26,8 @@ from massprops.surface.unlit import spare_behind_light, sun_of_views
 from massprops.views import AMBIGUOUS, Views
 
 WIDER = 2
-"""Distance beyond an unlit side at which sky is still none of the evidence, and beside a silhouette at which it is none of a lit side's absence,
-as outlines are known to that [px]."""
+"""How well outlines are known [px]: so far beyond an unlit side sky is no evidence, and so far beside a silhouette it does not show that a lit side
+is missing."""
 
 
 def sky_where_lit(
@@ -39,15 +39,12 @@ def sky_where_lit(
     Args:
         views, masks, grey, cloud, seed: as for `massprops.surface.unlit.spare_unlit`.
     """
-    import cv2
-
     towards = sun_of_views(views, grey, cloud, seed)
     if towards is None:
         return None
     measured = cloud.xyz[cloud.is_finite]
     hull = make_hull(views, spare_behind_light(views, masks, grey), measured, free=True)
-    near = cv2.getStructuringElement(cv2.MORPH_RECT, (2 * WIDER + 1,) * 2)
-    sky = [cv2.erode((mask == 0).astype(np.uint8), near) > 0 for mask in masks]
+    sky = [~_widened(mask != 0) for mask in masks]
     vertices, faces, step = carved(views, sky, towards, hull, measured)
     return spare_where_unlit(views, masks, (vertices, faces), towards, step)
 
@@ -61,17 +58,20 @@ def spare_where_unlit(
         mesh: vertices (v, 3) and faces (f, 3), in the views' world, with edges of length `spacing`.
         towards: (n, 3) to the Sun, in each view's camera.
     """
-    import cv2
-
     vertices, faces = mesh
     normal = vertex_normals(vertices, faces)
-    wider = cv2.getStructuringElement(cv2.MORPH_RECT, (2 * WIDER + 1,) * 2)
     out = []
     for i, mask in enumerate(masks):
         sun = views.R[i].T @ towards[i]
         dark = (normal @ sun < LIT) | (behind_first(vertices, faces, sun) > IN_SHADOW * spacing)
         face = rasterise(vertices, faces, views.K[i], views.R[i], views.t[i], mask.shape[::-1])[1]
         unlit = (face >= 0) & (dark[faces].sum(axis=1) >= 2)[face]
-        near = cv2.dilate(unlit.astype(np.uint8), wider) > 0
-        out.append(np.where((mask == 0) & near, np.uint8(AMBIGUOUS), mask))
+        out.append(np.where((mask == 0) & _widened(unlit), np.uint8(AMBIGUOUS), mask))
     return out
+
+
+def _widened(where: np.ndarray) -> np.ndarray:
+    """(h, w) bool, grown by `WIDER` on all sides."""
+    import cv2
+
+    return cv2.dilate(where.astype(np.uint8), np.ones((2 * WIDER + 1,) * 2, np.uint8)) > 0

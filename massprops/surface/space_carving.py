@@ -35,7 +35,7 @@ direction are known to some 5 degrees each."""
 SMOOTH = 1.5
 """1-sigma over which places are averaged for the direction of a surface [places]."""
 CLEAR = 2.5
-"""Way on which a surface does not hide or shade itself [places]."""
+"""Way from a place outside a surface on which that does not hide or shade itself [places]."""
 RESTS = 2e-5
 """Share of the shape in a shell below which carving ends."""
 
@@ -79,14 +79,15 @@ def carved(
     kept[tuple(at[((at > 0) & (at < size - 1)).all(axis=1)].T)] = True
     kept = binary_dilation(kept)
     body |= kept
-    seen = _seen(views, sky, towards)
+    seen = _seen(views, sky, towards, hull)
     need = FEWEST_AGREE * hull.at_once
     for _ in range(side):
         at = np.argwhere(_outermost(body) & ~kept)
-        gone = at[_votes(body, at, _normals(body, at), origin, step, *seen) >= need]
+        gone = at[_votes(body, at, _normals(body, at), origin, step, seen) >= need]
         body[tuple(gone.T)] = False
         if len(gone) <= RESTS * np.count_nonzero(body):
             break
+    # a little softened, so that the mesh's normals are none of the grid's
     vertices, faces = level_set(0.5 - gaussian_filter(body.astype(np.float32), 0.7), origin, step)
     return vertices, faces, step
 
@@ -103,19 +104,18 @@ def _normals(body: np.ndarray, at: np.ndarray) -> np.ndarray:
     from scipy.ndimage import gaussian_filter
 
     soft = gaussian_filter(body.astype(np.float32), SMOOTH)
-    ends = [(np.minimum(at + d, np.array(body.shape) - 1), at - d) for d in np.eye(3, dtype=int)]
-    slope = np.stack([soft[tuple(after.T)] - soft[tuple(before.T)] for after, before in ends], axis=1).astype(float)
+    slope = np.stack([soft[tuple((at + d).T)] - soft[tuple((at - d).T)] for d in np.eye(3, dtype=int)], axis=1)
+    slope = slope.astype(float)
     return -slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-9)
 
 
-def _seen(views: Views, sky: list[np.ndarray], towards: np.ndarray) -> _Seen:
+def _seen(views: Views, sky: list[np.ndarray], towards: np.ndarray, hull: Hull) -> _Seen:
     """What the images show; beyond one of them nothing is sky."""
     h, w = (max(s.shape[k] for s in sky) for k in (0, 1))
     whole = np.zeros((len(sky), h, w), np.uint8)
     for i, one in enumerate(sky):
         whole[i, : one.shape[0], : one.shape[1]] = one
-    P = np.einsum("nij,njk->nik", views.K, np.concatenate([views.R, views.t[:, :, None]], axis=2))
-    return _Seen(whole, P, views.centres, np.einsum("nji,nj->ni", views.R, towards))
+    return _Seen(whole, hull.P, views.centres, np.einsum("nji,nj->ni", views.R, towards))
 
 
 @njit(cache=True, error_model="numpy")
@@ -134,16 +134,15 @@ def _blocked(body: Array, x: Array, direction: Array) -> bool:
 
 
 @njit(cache=True, error_model="numpy")
-def _votes(
-    body: Array, at: Array, normal: Array, origin: Array, step: float, sky: Array, P: Array, centre: Array, sun: Array
-) -> Array:
+def _votes(body: Array, at: Array, normal: Array, origin: Array, step: float, seen: _Seen) -> Array:
     """(k,) images that show sky where the places `at` (k, 3) of a shape would be seen lit."""
+    sky, P, centre, sun = seen
     out = np.zeros(len(at), np.int64)
     x, sight = np.empty(3), np.empty(3)
     for m in range(len(at)):
         X, Y, Z = origin[0] + step * at[m, 0], origin[1] + step * at[m, 1], origin[2] + step * at[m, 2]
         for k in range(3):
-            x[k] = at[m, k] + CLEAR * 0.4 * normal[m, k]
+            x[k] = at[m, k] + normal[m, k]
         for v in range(len(P)):
             s = sun[v]
             if normal[m, 0] * s[0] + normal[m, 1] * s[1] + normal[m, 2] * s[2] < LIT:

@@ -10,7 +10,7 @@ from massprops.geometry.rasterise import rasterise
 from massprops.surface.silhouette import make_hull
 from massprops.surface.space_carving import carved
 
-HALF = trimesh.creation.icosphere(5, 0.6)
+BALL = trimesh.creation.icosphere(5, 0.6)
 TOWARDS = np.array([0.6, 0.0, -0.8])
 
 
@@ -38,19 +38,19 @@ def test_it_holds_the_body_and_no_place_that_would_be_lit() -> None:
 def test_what_no_image_shows_lit_stays() -> None:
     """A ball of which the Sun, at rest in the body, lights one half: the other may be anything that the lit half shades."""
     sun = np.array([VIEWS.R[i] @ TOWARDS for i in range(len(VIEWS))])
-    lit = HALF.face_normals @ TOWARDS > 0
-    measured = np.asarray(HALF.triangles_center)[lit]
+    lit = BALL.face_normals @ TOWARDS > 0
+    measured = np.asarray(BALL.triangles_center)[lit]
     masks = []
     for i in range(len(VIEWS)):
         size = tuple(int(s) for s in VIEWS.size[i])
-        face = rasterise(HALF.vertices, HALF.faces, VIEWS.K[i], VIEWS.R[i], VIEWS.t[i], size)[1]
+        face = rasterise(BALL.vertices, BALL.faces, VIEWS.K[i], VIEWS.R[i], VIEWS.t[i], size)[1]
         masks.append(np.where((face >= 0) & lit[face], 255, 0).astype(np.uint8))
     nothing = [np.where(m == 0, 128, m).astype(np.uint8) for m in masks]
     vertices, faces, step = carved(
         VIEWS, [m == 0 for m in masks], sun, make_hull(VIEWS, nothing, measured), measured, side=56
     )
     found = trimesh.Trimesh(vertices, faces, process=False)
-    dark = HALF.vertices[HALF.vertices @ TOWARDS < -0.1]
+    dark = BALL.vertices[BALL.vertices @ TOWARDS < -0.1]
     assert trimesh.proximity.signed_distance(found, dark[::5]).min() > -1.5 * step
     beside = np.cross(TOWARDS, [0.0, 1.0, 0.0])
     # beside the ball nothing shades it
