@@ -3,17 +3,21 @@
 What was made goes on straight: a panel whose back was lit at its tip only is as flat near its hinge. Between the two flat
 sides of such a corner lies nothing, though the silhouettes' hull and the film of least area both close it with a web. So each flat side
 is continued over what no line of sight and no silhouette calls empty, as far as another side that it meets (as in the
-piecewise planar completion of Chauve, Labatut and Pons 2010), and space in front of such a continuation is not pulled in.
+piecewise planar completion of Chauve, Labatut and Pons 2010), and space in front of such a continuation is not pulled in. A side of which
+nothing at all was measured lies where those beside it end (`massprops.surface.closing_sides`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
+from massprops.surface.closing_sides import closing_sides
 from massprops.surface.cloud import Thinned
+from massprops.surface.flat_side import FlatSide, Plane
 from massprops.surface.silhouette import Hull
 from massprops.views import Views
 
@@ -47,53 +51,20 @@ ALONG = np.cos(np.radians(20.0))
 """Of normals of sides that do not meet."""
 
 
-@dataclass(frozen=True)
-class FlatSide:
-    """One flat side: where it was measured, and where it may go on.
-
-    Attributes:
-        normal: (3,) unit, outward; offset: of its plane, normal . x = offset.
-        base: (2, 3) unit vectors in the plane.
-        low: (2,) of the grid's first place [world units], in `base`; step: of the grid.
-        measured: (a, b) bool, places of the grid at which it was measured.
-        goes_on: (a, b) bool, places beside these to which it may go on.
-    """
-
-    normal: np.ndarray
-    offset: float
-    base: np.ndarray
-    low: np.ndarray
-    step: float
-    measured: np.ndarray
-    goes_on: np.ndarray
-
-    def height(self, xyz: np.ndarray) -> np.ndarray:
-        """(k,) of points above it [world units]."""
-        return np.asarray(xyz @ self.normal - self.offset)
-
-    def on(self, xyz: np.ndarray, where: np.ndarray) -> np.ndarray:
-        """(k,) bool: the foot of points (k, 3) on it lies where an (a, b) grid says so."""
-        at = np.floor((xyz @ self.base.T - self.low) / self.step + 0.5).astype(np.int64)
-        inside = ((at >= 0) & (at < where.shape)).all(1)
-        return inside & where[tuple(np.where(inside[:, None], at, 0).T)]
-
-    def places(self, where: np.ndarray) -> np.ndarray:
-        """(k, 3) places on the plane at which an (a, b) grid is True."""
-        return self.offset * self.normal + (self.low + self.step * np.argwhere(where)) @ self.base
-
-
 def flat_sides(thinned: Thinned, hull: Hull, views: Views, seed: int = 0) -> list[FlatSide]:
-    """The flat sides of a body, each continued as far as it may go; none where none goes on.
+    """The flat sides of a body, each continued as far as it may go, and those that close them; none where none goes on.
 
     Args:
         thinned: measured points; hull: what silhouettes leave; views: that the points were measured in.
         seed: of the places at which sides are looked for.
     """
-    flat_parts = _found(thinned, seed)
+    flat_parts = measured_sides(thinned, seed)
     first = [_continued(thinned, hull, views, points, plane) for points, plane in flat_parts]
     first = [side for side in first if side.measured.any()]
     first += [back for side in first for back in _back(side, first, thinned, hull)]
-    last = [_until_others(side, first) for side in first]
+    closing = closing_sides(flat_parts, thinned, partial(_seen_empty, thinned, views))
+    last = [_until_closed(_until_others(side, first + closing), closing) for side in first]
+    last += closing
     return last if any(side.goes_on.any() for side in last) else []
 
 
@@ -147,12 +118,8 @@ def in_front(sides: Sequence[FlatSide], xyz: np.ndarray) -> np.ndarray:
     return front
 
 
-Plane = tuple[np.ndarray, float]
-"""Unit normal (3,) and offset."""
-
-
-def _found(thinned: Thinned, seed: int) -> list[tuple[np.ndarray, Plane]]:
-    """Indices of the points of each flat side, and its plane; the largest first."""
+def measured_sides(thinned: Thinned, seed: int) -> list[tuple[np.ndarray, Plane]]:
+    """Indices of the points of each flat side that was measured, and its plane; the largest first."""
     from scipy.spatial import cKDTree
 
     tree, band = cKDTree(thinned.xyz), _band(thinned)
@@ -226,15 +193,9 @@ def _continued(thinned: Thinned, hull: Hull, views: Views, own: np.ndarray, plan
     from scipy.ndimage import binary_dilation
     from scipy.spatial import cKDTree
 
-    normal, offset = plane
-    first = np.linalg.svd(normal[None])[2][1]
-    base = np.stack([first, np.cross(normal, first)])
-    step = 1.5 * thinned.spacing
-    flat = thinned.xyz @ base.T
-    low = flat.min(0) - 2 * step
-    size = np.ceil((flat.max(0) - low) / step).astype(int) + 3
-    side = FlatSide(normal, offset, base, low, step, np.zeros(size, bool), np.zeros(size, bool))
-    measured = binary_dilation(_whole(np.floor((flat[own] - low) / step + 0.5).astype(int), size))
+    side, normal = FlatSide.about(thinned.xyz, plane, thinned.spacing), plane[0]
+    size = side.measured.shape
+    measured = binary_dilation(_whole(side.place(thinned.xyz[own]), size))
     places = side.places(np.ones(size, bool))
     free = ((hull.value(places) < 0) & ~_seen_empty(thinned, views, places)).reshape(size)
     # the other side of a thin part may be nearer than neighbouring points
@@ -281,7 +242,7 @@ def _back(side: FlatSide, others: list[FlatSide], thinned: Thinned, hull: Hull) 
     ]
 
 
-def _whole(at: np.ndarray, size: np.ndarray) -> np.ndarray:
+def _whole(at: np.ndarray, size: tuple[int, ...]) -> np.ndarray:
     """(a, b) bool: places (k, 2) of points on a grid, less strips, as along an edge that noise has rounded, and small patches."""
     from scipy.ndimage import binary_closing, binary_opening, label
 
@@ -305,6 +266,21 @@ def _until_others(side: FlatSide, others: list[FlatSide]) -> FlatSide:
         along |= _between(alike, xyz, SEAM)
     shape = side.measured.shape
     return _reached(side, (side.goes_on | along.reshape(shape)) & ~within.reshape(shape) & ~side.measured)
+
+
+def _until_closed(side: FlatSide, closing: Sequence[FlatSide]) -> FlatSide:
+    """A side that ends where another closes it: next to what was measured of it, with that behind."""
+    start, places = side.places(side.measured), side.places(side.goes_on)
+    kept = np.ones(len(places), bool)
+    for other in closing:
+        if abs(other.normal @ side.normal) < ALONG:
+            height = other.height(start)
+            beside = (np.abs(height) < SEAM * side.step) & other.on(start, _wider(other.goes_on, SEAM))
+            if beside.any() and (height < SEAM * side.step).mean() > BORNE:
+                kept &= other.height(places) < 0
+    goes_on = side.goes_on.copy()
+    goes_on[goes_on] = kept
+    return replace(side, goes_on=goes_on)
 
 
 def _reached(side: FlatSide, free: np.ndarray) -> FlatSide:

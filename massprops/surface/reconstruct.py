@@ -33,7 +33,8 @@ from massprops.mass.integrals import face_areas, mesh_integrals
 from massprops.surface.cloud import Cloud, Thinned, thin, without_outliers
 from massprops.surface.cut import Costs, manifold, minimum_cut, surface_faces
 from massprops.surface.fill_by_motion import Balance, Cut, LikelyFill, Pull, balanced, centre_of, fill_centres, tells
-from massprops.surface.flat_sides import FlatSide, enclosed, flat_sides, in_front
+from massprops.surface.flat_side import FlatSide
+from massprops.surface.flat_sides import enclosed, flat_sides, in_front
 from massprops.surface.join import joined
 from massprops.surface.one_thing import hang_together
 from massprops.surface.outline_fill import filling_outlines
@@ -238,7 +239,8 @@ def _balanced(given: _Given, mesh: Mesh, others: Iterator[tuple[Pull, Mesh]], ba
     if not tells(cuts[given.pull], balance):
         return _finished(given, mesh, FILLED)
     continued = _with_flat_sides(given)
-    for pull, other in chain(others, _meshes(continued, (continued.pull,)) if continued.sides else ()):
+    straight = [Pull(pull.strength, straight=True) for pull in PULLS]
+    for pull, other in chain(others, _meshes(continued, straight) if continued.sides else ()):
         meshes[pull], cuts[pull] = other, cut_of(other, pull)
     ways = {pull: fill_centres(cut) for pull, cut in cuts.items()}
     likely, tried = balanced(ways, HOLLOW, balance), set[Fill]()

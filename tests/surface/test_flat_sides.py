@@ -9,7 +9,8 @@ from surface.synthetic_dense import asteroid, boxes, cameras, observe, sphere_di
 
 from massprops.mass.integrals import mesh_integrals
 from massprops.surface.cloud import Cloud, Thinned, thin
-from massprops.surface.flat_sides import FlatSide, enclosed, flat_sides, in_front
+from massprops.surface.flat_side import FlatSide
+from massprops.surface.flat_sides import enclosed, flat_sides, in_front
 from massprops.surface.reconstruct import CONTINUED, FILLED, Surface, reconstruct_surface
 from massprops.surface.silhouette import Hull, make_hull
 from massprops.views import Views
