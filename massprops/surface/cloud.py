@@ -113,6 +113,10 @@ class Thinned:
     views: np.ndarray
     spacing: float
 
+    def take(self, which: np.ndarray) -> Thinned:
+        """Some of the points, of as many or by (m,) bool."""
+        return Thinned(self.xyz[which], self.normal[which], self.sigma[which], self.views[which], self.spacing)
+
 
 def without_outliers(cloud: Cloud) -> Cloud:
     """The cloud less points that stand alone."""

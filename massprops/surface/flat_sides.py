@@ -63,7 +63,8 @@ def flat_sides(thinned: Thinned, hull: Hull, views: Views, seed: int = 0) -> lis
     first = [side for side in first if side.measured.any()]
     first += [back for side in first for back in _back(side, first, thinned, hull)]
     closing = closing_sides(flat_parts, thinned, partial(_seen_empty, thinned, views))
-    last = [_until_closed(_until_others(side, first + closing), closing) for side in first]
+    others = first + closing
+    last = [_until_its_end(_until_others(side, others), others) for side in first]
     last += closing
     return last if any(side.goes_on.any() for side in last) else []
 
@@ -87,6 +88,8 @@ def _between(alike: list[FlatSide], xyz: np.ndarray, wider: int = 0) -> np.ndarr
         height = side.height(xyz)
         # what stands on a side, such as a panel, hides a strip of it
         whole = binary_closing(np.pad(side.measured | side.goes_on, SEAM), iterations=SEAM)[SEAM:-SEAM, SEAM:-SEAM]
+        if wider < 0:  # and shades more of it, where the panel does not go on into what it stands on
+            whole = whole | _wider(_convex(whole), 3 * wider)
         on = np.where(height > 0, side.on(xyz, _wider(whole, SEAM if wider else 0)), side.on(xyz, _wider(whole, wider)))
         # which way from the points it lies
         above = (height < 0) == (side.normal @ alike[0].normal > 0)
@@ -95,6 +98,16 @@ def _between(alike: list[FlatSide], xyz: np.ndarray, wider: int = 0) -> np.ndarr
             nearest[way, closer] = np.abs(height[closer])
             shut[way, closer] = height[closer] < 0
     return np.asarray(shut.all(0))
+
+
+def _convex(where: np.ndarray) -> np.ndarray:
+    """(a, b) bool, with what lies between its places."""
+    import cv2
+
+    out = np.zeros(where.shape, np.uint8)
+    if where.any():
+        cv2.fillConvexPoly(out, cv2.convexHull(np.argwhere(where)[:, ::-1].astype(np.int32)), 1)
+    return out > 0
 
 
 def _wider(where: np.ndarray, places: int) -> np.ndarray:
@@ -268,14 +281,15 @@ def _until_others(side: FlatSide, others: list[FlatSide]) -> FlatSide:
     return _reached(side, (side.goes_on | along.reshape(shape)) & ~within.reshape(shape) & ~side.measured)
 
 
-def _until_closed(side: FlatSide, closing: Sequence[FlatSide]) -> FlatSide:
-    """A side that ends where another closes it: next to what was measured of it, with that behind."""
+def _until_its_end(side: FlatSide, others: Sequence[FlatSide]) -> FlatSide:
+    """A side that goes on no farther than another beside it, which has what was measured of it behind."""
     start, places = side.places(side.measured), side.places(side.goes_on)
     kept = np.ones(len(places), bool)
-    for other in closing:
+    for other in others:
         if abs(other.normal @ side.normal) < ALONG:
             height = other.height(start)
-            beside = (np.abs(height) < SEAM * side.step) & other.on(start, _wider(other.goes_on, SEAM))
+            beside = np.abs(height) < SEAM * side.step
+            beside &= other.on(start, _wider(other.measured | other.goes_on, SEAM))
             if beside.any() and (height < SEAM * side.step).mean() > BORNE:
                 kept &= other.height(places) < 0
     goes_on = side.goes_on.copy()

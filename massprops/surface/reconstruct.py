@@ -34,7 +34,7 @@ from massprops.surface.cloud import Cloud, Thinned, thin, without_outliers
 from massprops.surface.cut import Costs, manifold, minimum_cut, surface_faces
 from massprops.surface.fill_by_motion import Balance, Cut, LikelyFill, Pull, balanced, centre_of, fill_centres, tells
 from massprops.surface.flat_side import FlatSide
-from massprops.surface.flat_sides import enclosed, flat_sides, in_front
+from massprops.surface.flat_sides import enclosed, flat_sides, in_front, measured_sides
 from massprops.surface.join import joined
 from massprops.surface.one_thing import hang_together
 from massprops.surface.outline_fill import filling_outlines
@@ -49,6 +49,7 @@ from massprops.surface.refine import (
     vertex_normals,
     without_islands,
 )
+from massprops.surface.reflections import reflections
 from massprops.surface.silhouette import Hull, hull_points, make_hull
 from massprops.surface.silhouette_only import SilhouetteOnly, inside_reward, silhouette_only_space
 from massprops.surface.standing_off import standing_off
@@ -261,9 +262,11 @@ def _as_fill(likely: LikelyFill) -> Fill:
 
 
 def _with_flat_sides(given: _Given) -> _Given:
-    """The same with the flat sides that go on, if there are any."""
-    sides = flat_sides(given.thinned, given.hull, given.views, given.seed)
-    return replace(given, sides=sides, pull=Pull(given.pull.strength, True)) if sides else given
+    """The same with the flat sides that go on, if there are any, and without what these reflect."""
+    thinned, views = given.thinned, given.views
+    thinned = thinned.take(~reflections(thinned, views, measured_sides(thinned, given.seed)))
+    sides = flat_sides(thinned, given.hull, views, given.seed)
+    return replace(given, thinned=thinned, sides=sides, pull=Pull(given.pull.strength, True)) if sides else given
 
 
 def _held(kinds: np.ndarray, straight: bool) -> np.ndarray:
