@@ -256,8 +256,12 @@ def _begin_about(
 
     P0, P1 = about.attitudes(first)[0]
     step = (first[1] - first[0]) / about.unit
-    C = [Turn.from_matrix(about.attitudes(p.times)[0].transpose(0, 2, 1) @ p.R).mean().as_matrix() for p in pieces[1:]]
-    return P0, Turn.from_matrix(P0.T @ P1).as_rotvec() / step, np.array([np.eye(3), *C])
+    C = [np.eye(3)]
+    for p in pieces[1:]:
+        apart = about.attitudes(p.times)[0].transpose(0, 2, 1) @ p.R
+        apart = apart[np.isfinite(apart).all(axis=(1, 2))]
+        C.append(Turn.from_matrix(apart).mean().as_matrix() if len(apart) else np.eye(3))
+    return P0, Turn.from_matrix(P0.T @ P1).as_rotvec() / step, np.array(C)
 
 
 BASIS = np.array(

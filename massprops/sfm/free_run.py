@@ -61,9 +61,12 @@ def _grown(piece: Piece, run: np.ndarray, most_rms: float) -> np.ndarray:
 
 
 def _off(piece: Piece, run: np.ndarray) -> np.ndarray:
-    """(n, 3) turns of all images off the motion through those of the run [rad]."""
+    """(n, 3) turns of all images off the motion through those of the run [rad]; infinite where that cannot be followed so far."""
     from scipy.spatial.transform import Rotation
 
     motion = fit_rotation([Piece(piece.times[run], piece.R[run], piece.t[run])], robust=True).motion
     predicted = motion.attitudes(piece.times)[0]
-    return np.asarray(Rotation.from_matrix(predicted.transpose(0, 2, 1) @ piece.R).as_rotvec())
+    followed, out = np.isfinite(predicted).all(axis=(1, 2)), np.full((len(predicted), 3), np.inf)
+    apart = predicted[followed].transpose(0, 2, 1) @ piece.R[followed]
+    out[followed] = Rotation.from_matrix(apart).as_rotvec() if followed.any() else 0.0
+    return out

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from test_free_motion import tumbling
 
-from massprops.sfm.free_motion import Piece, fit_rotation
+from massprops.sfm.free_motion import FreeRotation, Piece, fit_rotation
 from massprops.sfm.free_run import longest_free_run
 from massprops.sfm.reversed_depth import MIRROR
 from massprops.sfm.steady import largest_jump
@@ -56,3 +56,19 @@ def test_all_of_a_free_motion_is_one_run(lost):
 def test_few_images_and_noise_are_no_run():
     assert not len(longest_free_run(piece(tumbling(7, 5.0)), MOST))
     assert not len(longest_free_run(piece(Rotation.random(40, random_state=1).as_matrix()), MOST))
+
+
+def test_images_to_which_no_motion_can_be_followed_are_no_part_of_a_run(monkeypatch):
+    """An inertia far from all that bodies have takes no integration step."""
+    own, attitudes = piece(tumbling(40, 5.0)), FreeRotation.attitudes
+
+    def up_to_30(self, times, change=None):
+        out = attitudes(self, times, change)
+        if change is None:  # as asked of a motion that was found
+            out[:, np.asarray(times) > 30] = np.nan
+        return out
+
+    monkeypatch.setattr(FreeRotation, "attitudes", up_to_30)
+    run = longest_free_run(own, MOST)
+    assert len(run) >= 8
+    assert run.max() <= 30
