@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -10,7 +12,7 @@ from surface.synthetic_dense import asteroid, boxes, cameras, observe, sphere_di
 from massprops.mass.integrals import mesh_integrals
 from massprops.surface.cloud import Cloud, Thinned, thin
 from massprops.surface.flat_side import FlatSide
-from massprops.surface.flat_sides import enclosed, flat_sides, in_front
+from massprops.surface.flat_sides import _until_others, enclosed, flat_sides, in_front
 from massprops.surface.reconstruct import CONTINUED, FILLED, Surface, reconstruct_surface
 from massprops.surface.silhouette import Hull, make_hull
 from massprops.views import Views
@@ -88,15 +90,31 @@ def test_a_plate_has_a_back_that_nothing_was_measured_on() -> None:
     assert all(side.normal[1] < 0 for side in sides)
 
 
-def test_what_lies_before_and_between_sides() -> None:
-    def side(normal: tuple[float, float, float], offset: float) -> FlatSide:
-        n = np.array(normal, float)
-        first = np.linalg.svd(n[None])[2][1]
-        base = np.stack([first, np.cross(n, first)])
-        whole = np.ones((21, 21), bool)
-        return FlatSide(n, offset, base, np.full(2, -1.0), 0.1, whole, np.zeros_like(whole))
+def square(normal: tuple[float, float, float], offset: float) -> FlatSide:
+    """A side that was measured at 21 by 21 places, from -1 to 1 along both axes."""
+    n = np.array(normal, float)
+    first = np.linalg.svd(n[None])[2][1]
+    base = np.stack([first, np.cross(n, first)])
+    whole = np.ones((21, 21), bool)
+    return FlatSide(n, offset, base, np.full(2, -1.0), 0.1, whole, np.zeros_like(whole))
 
-    box = [side(n, 1.0) for n in ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0))]
+
+def test_a_panel_does_not_go_on_into_the_side_that_it_shades() -> None:
+    """The gap in the shaded side is as wide as the panel and open to one edge."""
+    near, far = square((1, 0, 0), 0.5), square((-1, 0, 0), 0.5)
+    gap = (np.abs(near.places(near.measured)[:, 1]) < 0.65) & (near.places(near.measured)[:, 2] > -0.75)
+    near = replace(near, measured=~gap.reshape(21, 21))
+    panel = square((0, 1, 0), 0.0)
+    beyond = panel.places(panel.measured)[:, 0] > 0.55
+    panel = replace(panel, measured=beyond.reshape(21, 21), goes_on=~beyond.reshape(21, 21))
+    reached = _until_others(panel, [near, far, panel])
+    places = reached.places(reached.goes_on)
+    within = (np.abs(places[:, 0]) < 0.4) & (np.abs(places[:, 2]) < 0.15)
+    assert not within.any()
+
+
+def test_what_lies_before_and_between_sides() -> None:
+    box = [square(n, 1.0) for n in ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0))]
     inside, above, past = np.array([[0.2, 0.3, 0.9]]), np.array([[1.4, 0.0, 0.0]]), np.array([[0.0, 0.0, 2.0]])
     assert enclosed(box, inside)[0]
     assert not enclosed(box, above)[0]
