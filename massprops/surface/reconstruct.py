@@ -240,7 +240,9 @@ def _balanced(given: _Given, mesh: Mesh, others: Iterator[tuple[Pull, Mesh]], ba
     if not tells(cuts[given.pull], balance):
         return _finished(given, mesh, FILLED)
     continued = _with_flat_sides(given)
-    straight = [Pull(pull.strength, straight=True) for pull in PULLS]
+    # without a pull flat sides hold what they close, and are as good as none where they close nothing
+    closed = any(not side.measured.any() for side in continued.sides)
+    straight = [Pull(pull.strength, straight=True) for pull in (PULLS if closed else PULLS[:1])]
     for pull, other in chain(others, _meshes(continued, straight) if continued.sides else ()):
         meshes[pull], cuts[pull] = other, cut_of(other, pull)
     ways = {pull: fill_centres(cut) for pull, cut in cuts.items()}

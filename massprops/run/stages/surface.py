@@ -39,6 +39,9 @@ MUCH_FILLED = 0.3
 """Share of filled area of a body before a black sky from which on it is asked where the body would not be lit, as sky before its never lit back may
 have carved it. Of bodies of which .35 to .44 was filled in (Blender) a rock was 36 % too small, a bus 10 %, and a CubeSat 35 % too large; by the sky
 that counts they are -1, +1 and +4 %. Of bodies that are measured nearly all round it would change little, and takes twice as long."""
+CLEARLY = 2.0
+"""Standard errors by which sky that counts only where the body would be lit must leave fewer pixels out. Of a bus of 40 small images, whose volume differs by
+4 % between both, 3793 pixels were missed in place of 3738 or 3814, by what a seed had drawn; of two that it mended (rock 9 and foil 79, Blender) 50 and 38 % fewer."""
 MOST_FILLED = 0.6
 """Above this share of filled area the mesh is kept, but called partial."""
 FOCAL_SIGMA = 0.003
@@ -490,7 +493,7 @@ def _surface(job: Job, seen: Evidence) -> tuple[Surface, list[np.ndarray], np.nd
 def _with_lit_sky(
     job: Job, seen: Evidence, surface: Surface, masks: list[np.ndarray]
 ) -> tuple[Surface, list[np.ndarray]]:
-    """The surface without the sky before sides that would not be lit, where that misses less of the silhouettes; else as it was given."""
+    """The surface without the sky before sides that would not be lit, where that clearly misses less of the silhouettes; else as it was given."""
     from massprops.surface.lit_sky import sky_where_lit
 
     try:
@@ -500,17 +503,19 @@ def _with_lit_sky(
         again, shown = _closed(job, replace(seen, masks=shown))
     except NotPossible:
         return surface, masks
-    return (again, shown) if _misses_less(seen, again, surface) else (surface, masks)
+    return (again, shown) if _misses_less(seen, again, surface, CLEARLY) else (surface, masks)
 
 
-def _misses_less(seen: Evidence, one: Surface, other: Surface) -> bool:
-    """Whether one surface misses fewer of the silhouettes' pixels than the other."""
+def _misses_less(seen: Evidence, one: Surface, other: Surface, sigmas: float = 0.0) -> bool:
+    """Whether one surface misses fewer of the silhouettes' pixels than the other, by so many standard errors of the mean over images."""
     from massprops.surface.silhouette_only import missed
 
     less, more = (
-        sum(np.count_nonzero(m) for m in missed((s.vertices, s.faces), seen.views, seen.masks)) for s in (one, other)
+        np.array([np.count_nonzero(m) for m in missed((s.vertices, s.faces), seen.views, seen.masks)], float)
+        for s in (one, other)
     )
-    return bool(less < more)
+    gain = more - less
+    return bool(gain.mean() > sigmas * gain.std() / np.sqrt(len(gain)))
 
 
 def _closed(job: Job, seen: Evidence) -> tuple[Surface, list[np.ndarray]]:
