@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import combinations
-from typing import NamedTuple
 
 import numpy as np
 
@@ -33,13 +32,6 @@ NARROWEST = 4.0
 """1-sigma across the ends of a plane at least [spacings], so that they tell its direction."""
 
 
-class _End(NamedTuple):
-    """A straight end of a side: the side's number, and (k, 3) where it is in each of its strips."""
-
-    side: int
-    xyz: np.ndarray
-
-
 def closing_sides(
     found: Sequence[tuple[np.ndarray, Plane]], thinned: Thinned, empty: Callable[[np.ndarray], np.ndarray]
 ) -> list[FlatSide]:
@@ -52,7 +44,7 @@ def closing_sides(
     planes = [plane for _, plane in found]
     out = []
     for direction in _directions([normal for normal, _ in planes]):
-        ends = [e for k, (own, plane) in enumerate(found) if (e := _end(thinned, k, own, plane, direction)) is not None]
+        ends = [e for own, plane in found if (e := _end(thinned, own, plane, direction)) is not None]
         for xyz in _in_one_plane(ends, direction, thinned.spacing):
             plane = _through(xyz, direction, thinned.spacing)
             if plane is not None and not _measured(xyz, plane, planes, thinned.spacing):
@@ -72,8 +64,9 @@ def _directions(normals: Sequence[np.ndarray]) -> list[np.ndarray]:
     return out
 
 
-def _end(thinned: Thinned, number: int, own: np.ndarray, plane: Plane, direction: np.ndarray) -> _End | None:
-    """Where a side, of points `own`, ends in a direction that lies in it; None where it does not lie so, or the end is not straight."""
+def _end(thinned: Thinned, own: np.ndarray, plane: Plane, direction: np.ndarray) -> np.ndarray | None:
+    """(k, 3) where a side, of points `own`, ends in a direction, strip by strip; None where that does not lie in it, or the end is not
+    straight."""
     normal, offset = plane
     if abs(normal @ direction) > UPRIGHT:
         return None
@@ -93,18 +86,18 @@ def _end(thinned: Thinned, number: int, own: np.ndarray, plane: Plane, direction
     if straight.mean() < STRAIGHT_SHARE:
         return None
     at = (xyz @ along).min() + STRIP * h * (told[straight] + 0.5)
-    return _End(number, offset * normal + at[:, None] * along + end[straight, None] * outward)
+    return np.asarray(offset * normal + at[:, None] * along + end[straight, None] * outward)
 
 
-def _in_one_plane(ends: Sequence[_End], direction: np.ndarray, spacing: float) -> list[np.ndarray]:
+def _in_one_plane(ends: Sequence[np.ndarray], direction: np.ndarray, spacing: float) -> list[np.ndarray]:
     """Places (k, 3) of the ends of two sides or more that lie in one plane, for each such plane."""
-    height = np.array([np.median(end.xyz @ direction) for end in ends])
+    height = np.array([np.median(end @ direction) for end in ends])
     left, out = np.ones(len(ends), bool), []
     for k in range(len(ends)):
         alike = np.flatnonzero(left & (np.abs(height - height[k]) < ONE_PLANE * spacing))
         if left[k] and len(alike) > 1:
             left[alike] = False
-            out.append(np.concatenate([ends[j].xyz for j in alike.tolist()]))
+            out.append(np.concatenate([ends[j] for j in alike.tolist()]))
     return out
 
 
