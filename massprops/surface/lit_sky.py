@@ -22,7 +22,7 @@ from massprops.surface.refine import vertex_normals
 from massprops.surface.shadow import IN_SHADOW, behind_first
 from massprops.surface.silhouette import make_hull
 from massprops.surface.space_carving import LIT, carved
-from massprops.surface.unlit import spare_behind_light, sun_of_views
+from massprops.surface.unlit import spare_behind_light
 from massprops.views import AMBIGUOUS, Views
 
 WIDER = 2
@@ -31,17 +31,13 @@ is missing."""
 
 
 def sky_where_lit(
-    views: Views, masks: list[np.ndarray], grey: list[np.ndarray], cloud: Cloud, seed: int = 0
-) -> list[np.ndarray] | None:
-    """Silhouettes (h, w) of a body before a black sky in which sky is 128, no evidence, where the body would not be lit; None where
-    its brightness does not tell the Sun's direction.
+    views: Views, masks: list[np.ndarray], grey: list[np.ndarray], cloud: Cloud, towards: np.ndarray
+) -> list[np.ndarray]:
+    """Silhouettes (h, w) of a body before a black sky in which sky is 128, no evidence, where the body would not be lit.
 
     Args:
-        views, masks, grey, cloud, seed: as for `massprops.surface.unlit.spare_unlit`.
+        views, masks, grey, cloud: as for `massprops.surface.unlit.spare_unlit`; towards: (n, 3) to the Sun, in each view's camera.
     """
-    towards = sun_of_views(views, grey, cloud, seed)
-    if towards is None:
-        return None
     measured = cloud.xyz[cloud.is_finite]
     hull = make_hull(views, spare_behind_light(views, masks, grey), measured, free=True)
     sky = [~_widened(mask != 0) for mask in masks]

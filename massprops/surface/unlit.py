@@ -29,7 +29,7 @@ SHORTEST = 8
 
 
 def spare_unlit(
-    views: Views, masks: list[np.ndarray], grey: list[np.ndarray], cloud: Cloud, seed: int = 0
+    views: Views, masks: list[np.ndarray], grey: list[np.ndarray], cloud: Cloud, sun: np.ndarray
 ) -> list[np.ndarray]:
     """Silhouettes (h, w) of a tumbling body in which sky behind its terminator is 128, no evidence.
 
@@ -38,17 +38,14 @@ def spare_unlit(
         masks: n undistorted silhouettes, 255 object and 0 sky.
         grey: n undistorted images (h, w) uint8.
         cloud: measured points.
-        seed: of the draw of points.
+        sun: (n, 3) direction to it in each view's camera, of `sun_of_views`.
 
     Returns:
         the silhouettes as they are where the body is not rounded.
     """
-    sun = sun_of_views(views, grey, cloud, seed)
-    if sun is None:
-        return masks
     middle = cloud.xyz.mean(0) @ views.R.transpose(0, 2, 1) + views.t
     phase = np.clip(-np.einsum("ni,ni->n", middle, sun) / np.linalg.norm(middle, axis=1), -0.9, 1.0)
-    towards = sun[:, :2] - middle[:, :2] / middle[:, 2:] * sun[:, 2:]
+    towards = towards_in_image(views, cloud, sun)
     some = range(0, len(masks), max(1, len(masks) // 24))
     votes = np.concatenate([_looks_rounded(masks[i], grey[i], towards[i], phase[i]) for i in some])
     if not len(votes) or votes.mean() <= ROUNDED:
@@ -116,6 +113,12 @@ def _behind_any(lit: np.ndarray, towards: np.ndarray) -> np.ndarray:
     behind = np.maximum.accumulate(rows, axis=1)
     back = cv2.warpAffine(behind, move, (w, h), flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP)
     return np.asarray(back > 0)
+
+
+def towards_in_image(views: Views, cloud: Cloud, sun: np.ndarray) -> np.ndarray:
+    """(n, 2) direction in each image from the middle of measured points to the Sun, which is in direction `sun` (n, 3) in the cameras."""
+    middle = cloud.xyz.mean(0) @ views.R.transpose(0, 2, 1) + views.t
+    return np.asarray(sun[:, :2] - middle[:, :2] / middle[:, 2:] * sun[:, 2:])
 
 
 def sun_of_views(views: Views, grey: list[np.ndarray], cloud: Cloud, seed: int) -> np.ndarray | None:

@@ -13,6 +13,7 @@ from massprops.geometry.rasterise import rasterise, silhouette
 from massprops.surface import lit_sky
 from massprops.surface.cloud import Cloud
 from massprops.surface.lit_sky import WIDER, sky_where_lit, spare_where_unlit
+from massprops.surface.unlit import sun_of_views
 from massprops.views import AMBIGUOUS
 
 VIEWS = cameras(sphere_directions(24), 4.0, 330.0)
@@ -81,7 +82,7 @@ def test_what_lies_in_a_shadow_is_unlit() -> None:
     assert np.mean(shaded[lit] == AMBIGUOUS) > 0.5
 
 
-def test_sky_counts_where_the_body_would_be_lit_and_none_without_a_sun(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sky_counts_where_the_body_would_be_lit(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(lit_sky, "carved", partial(lit_sky.carved, side=56))
     normal = np.asarray(BLOCK.face_normals)
     count = len(normal)
@@ -90,11 +91,8 @@ def test_sky_counts_where_the_body_would_be_lit_and_none_without_a_sun(monkeypat
     xyz = np.asarray(BLOCK.triangles_center)
     cloud = Cloud(xyz=xyz, normal=normal, sigma=np.full(count, 0.003), view_start=start, view_index=seen)
     masks = [np.where(lit_pixels(BLOCK, i), 255, 0).astype(np.uint8) for i in range(len(VIEWS))]
-    black = [np.zeros_like(m) for m in masks]
-    assert sky_where_lit(VIEWS, masks, black, cloud) is None
     grey = [(m // 255 * 150).astype(np.uint8) for m in masks]
-    shown = sky_where_lit(VIEWS, masks, grey, cloud)
-    assert shown is not None
+    shown = sky_where_lit(VIEWS, masks, grey, cloud, sun_of_views(VIEWS, grey, cloud, 0))
     dark = [drawn(BLOCK, i) & (m == 0) for i, m in enumerate(masks)]
     spared = sum(np.count_nonzero(after[d] == AMBIGUOUS) for after, d in zip(shown, dark, strict=True))
     assert spared > 0.95 * sum(np.count_nonzero(d) for d in dark)

@@ -10,7 +10,7 @@ import pytest
 from synthetic_dense import cameras, sphere_directions
 
 from massprops.surface.cloud import Cloud
-from massprops.surface.unlit import brighter, spare_behind_light, spare_unlit, sun_direction
+from massprops.surface.unlit import brighter, spare_behind_light, spare_unlit, sun_direction, sun_of_views
 from massprops.views import Views
 
 SUN = np.array([0.6, -0.3, -0.74]) / np.linalg.norm([0.6, -0.3, -0.74])
@@ -69,7 +69,7 @@ def test_the_sun_is_found(rounded):
 
 def test_the_unlit_side_of_a_ball_is_no_sky(rounded):
     views, masks, grey, cloud, whole = rounded
-    spared = spare_unlit(views, masks, grey, cloud)
+    spared = spare_unlit(views, masks, grey, cloud, sun_of_views(views, grey, cloud, 0))
     for old, new, disc in zip(masks, spared, whole, strict=True):
         np.testing.assert_array_equal(new == 255, old == 255)
         unlit = disc & (old == 0)
@@ -97,8 +97,10 @@ def test_two_cameras_of_a_rig_have_a_sun_each(rounded):
     both = Views.joined([first, second])
     seen_by_both = Cloud.joined([cloud, cloud.moved(np.eye(3), np.zeros(3), len(views))])
     turned = [[np.rot90(x, -1).copy() for x in y] for y in (masks, grey)]
-    spared = spare_unlit(both, masks + turned[0], grey + turned[1], seen_by_both)
-    alone = spare_unlit(views, masks, grey, cloud)
+    grey_of_both = grey + turned[1]
+    suns = sun_of_views(both, grey_of_both, seen_by_both, 0)
+    spared = spare_unlit(both, masks + turned[0], grey_of_both, seen_by_both, suns)
+    alone = spare_unlit(views, masks, grey, cloud, sun_of_views(views, grey, cloud, 0))
     for i, mask in enumerate(alone):
         assert ((mask == 128) == (spared[i] == 128)).mean() > 0.99
         there = np.rot90(spared[len(views) + i], 1)
@@ -107,12 +109,12 @@ def test_two_cameras_of_a_rig_have_a_sun_each(rounded):
 
 def test_facets_end_where_their_light_does():
     views, masks, grey, cloud, _ = footage(box)
-    assert spare_unlit(views, masks, grey, cloud) is masks
+    assert spare_unlit(views, masks, grey, cloud, sun_of_views(views, grey, cloud, 0)) is masks
 
 
 def test_black_images_say_nothing(rounded):
-    views, masks, grey, cloud, _ = rounded
-    assert spare_unlit(views, masks, [np.zeros_like(g) for g in grey], cloud) is masks
+    views, _, grey, cloud, _ = rounded
+    assert sun_of_views(views, [np.zeros_like(g) for g in grey], cloud, 0) is None
 
 
 def test_outlines_that_face_the_sun_are_the_bodys_own() -> None:

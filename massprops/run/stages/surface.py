@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from massprops.core.inputs import read_image
 from massprops.errors import NotPossible
 from massprops.mass.confidence import OUTSIDE
 from massprops.mass.integrals import face_areas, mesh_integrals
@@ -16,6 +17,8 @@ from massprops.run.job import Job
 from massprops.run.placement_scenes import turned_over
 from massprops.run.silhouettes_again import drawn_from_shapes, silhouettes_again
 from massprops.run.stage_images import undistorted_frame, undistorted_mask
+from massprops.sfm.footage import mask_file
+from massprops.views import undistort
 
 if TYPE_CHECKING:
     from massprops.surface.cloud import Cloud
@@ -77,6 +80,7 @@ class Evidence:
 
     Attributes:
         views, masks: cameras and their silhouettes; grey: their images where a body is before black sky, else none.
+        sun: (n, 3) direction to it in each view's camera, of such a body; None where its brightness does not say.
         cloud: the body's points; table: those of the plane it stands on that lie within silhouettes.
         place: `join.json`; moving: nothing else is in the cloud.
         balance: where a free body's motion shows its centre of mass, or None.
@@ -85,6 +89,7 @@ class Evidence:
     views: Views
     masks: list[np.ndarray]
     grey: list[np.ndarray]
+    sun: np.ndarray | None
     cloud: Cloud
     table: Cloud
     place: dict[str, Any]
@@ -173,17 +178,21 @@ def run(job: Job) -> dict[str, Any]:
 def _evidence(job: Job, views: Views, place: dict[str, Any], footage: dict[str, Any], free: bool) -> Evidence:
     """What the stages before found; free: the body tumbles, and stands on nothing."""
     from massprops.surface.cloud import Cloud
-    from massprops.surface.unlit import spare_unlit
+    from massprops.surface.sharp_outlines import sharp_outlines
+    from massprops.surface.unlit import spare_unlit, sun_of_views
 
     cloud, table = _without_support(job, views, Cloud.load(job.work("dense") / "points.npz"), place)
     masks = [undistorted_mask(job, views, i) for i in range(len(views))]
     grey = _grey(job, views) if free and _before_black_sky(footage) else []
-    if grey and len(cloud):
-        masks = spare_unlit(views, masks, grey, cloud, job.seed)
+    sun = sun_of_views(views, grey, cloud, job.seed) if grey and len(cloud) else None
+    if sun is not None:
+        masks = sharp_outlines(views, masks, _skies(job, views), grey, cloud, sun)
+        masks = spare_unlit(views, masks, grey, cloud, sun)
     return Evidence(
         views=views,
         masks=masks,
         grey=grey,
+        sun=sun,
         cloud=cloud,
         table=table,
         place=place,
@@ -439,6 +448,18 @@ def _grey(job: Job, views: Views) -> list[np.ndarray]:
     return [undistorted_frame(job, views, i, 0) for i in range(len(views))]
 
 
+def _skies(job: Job, views: Views) -> list[np.ndarray]:
+    """Undistorted images (h, w) bool of all views: pixels as dark as the sky, whatever the reconstruction knows of them."""
+    files = [mask_file(job.run / "work", name) for name in views.names]
+    shown = [read_image(file, 0) if file.is_file() else None for file in files]
+    return [
+        np.zeros(views.size[i, ::-1], bool)
+        if mask is None
+        else undistort(mask, views.K[i], views.distortion[i], nearest=True) == 0
+        for i, mask in enumerate(shown)
+    ]
+
+
 def _known_place(place: dict[str, Any]) -> tuple[np.ndarray, float] | None:
     """Middle (3,) and radius of a ball that holds a body of which no feature but its outlines tell where it is; `place` is `join.json`."""
     if place.get("middle") is None:
@@ -496,10 +517,10 @@ def _with_lit_sky(
     """The surface without the sky before sides that would not be lit, where that clearly misses less of the silhouettes; else as it was given."""
     from massprops.surface.lit_sky import sky_where_lit
 
+    if seen.sun is None:
+        return surface, masks
     try:
-        shown = sky_where_lit(seen.views, seen.masks, seen.grey, seen.cloud, job.seed)
-        if shown is None:
-            return surface, masks
+        shown = sky_where_lit(seen.views, seen.masks, seen.grey, seen.cloud, seen.sun)
         again, shown = _closed(job, replace(seen, masks=shown))
     except NotPossible:
         return surface, masks
