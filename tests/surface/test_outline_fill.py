@@ -61,5 +61,5 @@ def test_only_what_neither_a_plane_nor_the_light_bounds_is_a_film(
     job: Any = SimpleNamespace(work=lambda _: Path("nowhere"), seed=0, progress=None)
     nothing: Any = None
     nowhere = {"views": nothing, "cloud": nothing, "table": nothing, "place": {"support_plane": support}}
-    _surface(job, Evidence(**nowhere, masks=[], grey=[], moving=moving, balance=None))
+    _surface(job, Evidence(**nowhere, masks=[], grey=[], sun=None, moving=moving, balance=None))
     assert asked[0].membrane == pytest.approx(share)
