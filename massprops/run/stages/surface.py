@@ -44,8 +44,9 @@ have carved it. Of bodies of which .35 to .44 was filled in (Blender) a rock was
 that counts they are -1, +1 and +4 %. Of bodies that are measured nearly all round it would change little, and takes twice as long."""
 CLEARLY = 2.0
 """Standard errors by which sky that counts only where the body would be lit must leave fewer pixels out. Of a bus of 40 small images, whose volume differs by
-4 % between both, 3793 pixels were missed in place of 3738 or 3814, by what a seed had drawn; of two that it mended (rock 9 and foil 79, Blender) 50 and 38 % fewer. Where sky is before what was measured in more than `OUTSIDE` of the
-images it is enough that it leaves out no more by as many: of foil 85, whose volume is .5 to .7 % off by either, 30 % of them were called wrong."""
+4 % between both, 3793 pixels were missed in place of 3738 or 3814, by what a seed had drawn; of two that it mended (rock 9 and foil 79, Blender) 50 and 38 %
+fewer. Where more than `OUTSIDE` of the images show sky before what was measured, it is enough that it leaves out no more by as many: 30 % of the images of
+foil 85 were called wrong, though its volume is .5 to .9 % off by either."""
 MOST_FILLED = 0.6
 """Above this share of filled area the mesh is kept, but called partial."""
 FOCAL_SIGMA = 0.003
