@@ -15,3 +15,11 @@ def box_about(region: np.ndarray, margin: int = 1) -> tuple[slice, slice]:
 
     x, y, width, height = cv2.boundingRect(region)
     return slice(max(0, y - margin), y + height + margin), slice(max(0, x - margin), x + width + margin)
+
+
+def grown(where: np.ndarray, by: int) -> np.ndarray:
+    """(h, w) bool: pixels of `where`, (h, w) bool, and those within a disk of radius `by` [px] about them."""
+    import cv2
+
+    disk = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * by + 1, 2 * by + 1))
+    return np.asarray(cv2.dilate(where.astype(np.uint8), disk) > 0)

@@ -39,6 +39,15 @@ def undistorted_mask(job: Job, views: Views, i: int, last: str = "join") -> np.n
     return undistort(mask, views.K[i], views.distortion[i], nearest=True)
 
 
+def undistorted_sky(job: Job, views: Views, i: int) -> np.ndarray:
+    """(h, w) bool: pixels of view i as dark as the sky, whatever later stages know of them, without its lens's distortion; none where it has no
+    first silhouette."""
+    file = mask_file(job.run / "work", views.names[i])
+    if not file.is_file():
+        return np.zeros(views.size[i, ::-1], bool)
+    return undistort(read_image(file, 0), views.K[i], views.distortion[i], nearest=True) == 0
+
+
 def turns(footage: dict[str, Any]) -> bool:
     """Whether something turns before a still camera and a room; footage as in `footage.json`."""
     return footage["background"] == "still" and footage["motion"] == "tumbling" and not footage["masks_given"]

@@ -19,6 +19,7 @@ from massprops.core.processes import silenced_stderr
 from massprops.core.progress import Progress, silent
 from massprops.dense.noise import DENOISING_SIGMA, image_noise
 from massprops.errors import InputError
+from massprops.geometry.pixels import grown
 from massprops.sfm.footage import FootageRecord, FrameRecord
 from massprops.sfm.turned import turn_keypoints
 
@@ -53,11 +54,7 @@ class FeatureOptions:
 
 def object_region(mask: np.ndarray, margin: int) -> np.ndarray:
     """Boolean (h, w): pixels whose features are used. Every value but 0 counts as object; grown by `margin` [px]."""
-    region = (mask > 0).astype(np.uint8)
-    if margin > 0:
-        side = 2 * margin + 1
-        region = cv2.dilate(region, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)))
-    return region.astype(bool)
+    return grown(mask > 0, margin) if margin > 0 else mask > 0
 
 
 PLAIN = 3.0

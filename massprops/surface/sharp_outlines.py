@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprops.geometry.pixels import box_about
+from massprops.geometry.pixels import box_about, grown
 from massprops.geometry.projection import pixels_of
 from massprops.surface.cloud import Cloud
 from massprops.surface.space_carving import LIT
@@ -85,9 +85,8 @@ def _cut(mask: np.ndarray, sky: np.ndarray, grey: np.ndarray, away: np.ndarray, 
     shown = (mask == 255) & ~beyond
     unknown = beyond | ((mask != 0) & (mask != 255) & sky)
     from_shown = cv2.distanceTransform((~shown).astype(np.uint8), cv2.DIST_L2, 5)
-    wide = _grown(unknown & (from_shown > RIM), RIM + 1) | _grown(away, BESIDE)
-    wide |= _close_behind(shown, towards)
-    return np.where(unknown & ~wide, np.uint8(0), np.where(beyond, np.uint8(AMBIGUOUS), mask))
+    stays = grown(unknown & (from_shown > RIM), RIM + 1) | grown(away, BESIDE) | _close_behind(shown, towards)
+    return np.where(unknown & ~stays, np.uint8(0), np.where(beyond, np.uint8(AMBIGUOUS), mask))
 
 
 def _beyond_edge(shown: np.ndarray, sky: np.ndarray, grey: np.ndarray) -> np.ndarray:
@@ -108,11 +107,3 @@ def _close_behind(shown: np.ndarray, towards: np.ndarray) -> np.ndarray:
         move = np.column_stack([np.eye(2), -k * step])
         out |= cv2.warpAffine(shown.astype(np.uint8), move, shown.shape[::-1], flags=cv2.INTER_NEAREST) > 0
     return out
-
-
-def _grown(where: np.ndarray, by: int) -> np.ndarray:
-    """(h, w) bool, grown by a disk of a radius [px]."""
-    import cv2
-
-    disk = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * by + 1,) * 2)
-    return np.asarray(cv2.dilate(where.astype(np.uint8), disk) > 0)

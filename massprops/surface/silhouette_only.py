@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from massprops.geometry.pixels import box_about
+from massprops.geometry.pixels import box_about, grown
 from massprops.geometry.projection import pixels_of
 from massprops.geometry.rasterise import silhouette
 from massprops.geometry.vectors import unit
@@ -190,10 +190,9 @@ def spare_where_dark(views: Views, masks: list[np.ndarray], xyz: np.ndarray) -> 
         _, rows, columns = pixels_of(xyz, views.K[i], views.R[i], views.t[i], mask.shape)
         away = cv2.distanceTransform((mask != 255).astype(np.uint8), cv2.DIST_L2, 5)
         dark = away[rows, columns] > DARK_PIXELS
-        at = np.zeros(mask.shape, np.uint8)
-        at[rows[dark], columns[dark]] = 1
-        about = cv2.dilate(at, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * DARK_PIXELS + 1,) * 2)) > 0
-        out.append(np.where(about & (mask == 0), np.uint8(AMBIGUOUS), mask))
+        at = np.zeros(mask.shape, bool)
+        at[rows[dark], columns[dark]] = True
+        out.append(np.where(grown(at, DARK_PIXELS) & (mask == 0), np.uint8(AMBIGUOUS), mask))
     return out
 
 

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from massprops.core.inputs import read_image
 from massprops.errors import NotPossible
 from massprops.mass.confidence import OUTSIDE
 from massprops.mass.integrals import face_areas, mesh_integrals
@@ -16,9 +15,7 @@ from massprops.mass.intervals import collapsed, valid_bodies
 from massprops.run.job import Job
 from massprops.run.placement_scenes import turned_over
 from massprops.run.silhouettes_again import drawn_from_shapes, silhouettes_again
-from massprops.run.stage_images import undistorted_frame, undistorted_mask
-from massprops.sfm.footage import mask_file
-from massprops.views import undistort
+from massprops.run.stage_images import undistorted_frame, undistorted_mask, undistorted_sky
 
 if TYPE_CHECKING:
     from massprops.surface.cloud import Cloud
@@ -188,7 +185,8 @@ def _evidence(job: Job, views: Views, place: dict[str, Any], footage: dict[str, 
     grey = _grey(job, views) if free and _before_black_sky(footage) else []
     sun = sun_of_views(views, grey, cloud, job.seed) if grey and len(cloud) else None
     if sun is not None:
-        masks = sharp_outlines(views, masks, _skies(job, views), grey, cloud, sun)
+        skies = [undistorted_sky(job, views, i) for i in range(len(views))]
+        masks = sharp_outlines(views, masks, skies, grey, cloud, sun)
         masks = spare_unlit(views, masks, grey, cloud, sun)
     return Evidence(
         views=views,
@@ -448,18 +446,6 @@ def _before_black_sky(footage: dict[str, Any]) -> bool:
 def _grey(job: Job, views: Views) -> list[np.ndarray]:
     """Undistorted images (h, w) of all views."""
     return [undistorted_frame(job, views, i, 0) for i in range(len(views))]
-
-
-def _skies(job: Job, views: Views) -> list[np.ndarray]:
-    """Undistorted images (h, w) bool of all views: pixels as dark as the sky, whatever the reconstruction knows of them."""
-    files = [mask_file(job.run / "work", name) for name in views.names]
-    shown = [read_image(file, 0) if file.is_file() else None for file in files]
-    return [
-        np.zeros(views.size[i, ::-1], bool)
-        if mask is None
-        else undistort(mask, views.K[i], views.distortion[i], nearest=True) == 0
-        for i, mask in enumerate(shown)
-    ]
 
 
 def _known_place(place: dict[str, Any]) -> tuple[np.ndarray, float] | None:
